@@ -13,15 +13,15 @@ pub const MAX_ROWS: usize = TILE_HEIGHT * MAX_STRIDE / BLOCK;
 // A byte of a row of blocks is a native tile, and a number has the columns of the widest tile.
 const _: () = assert!(BLOCKS_X == 8 && TILE_WIDTH * MAX_STRIDE / BLOCK == u64::BITS as usize);
 
-/// Blocks of a tile, one bit for each in a number for each row, so that the native tiles of a rectangle are found quickly.
+/// The blocks of a tile as bits. A rectangle's native tiles take one look-up for each row of native tiles.
 pub struct BlockRows {
-    /// For each row of native tiles, the blocks of rows `from..=to` of it together, at `BLOCKS_Y · from + to`.
-    together: [[u64; BLOCKS_Y * BLOCKS_Y]; MAX_ROWS / BLOCKS_Y],
+    /// For each row of native tiles, entry `BLOCKS_Y · from + to` has the blocks of its rows `from..=to`.
+    together: [[u64; BLOCKS_Y * BLOCKS_Y]; MAX_STRIDE],
 }
 
 impl BlockRows {
     pub fn new(rows: &[u64; MAX_ROWS]) -> Self {
-        let mut together = [[0; BLOCKS_Y * BLOCKS_Y]; MAX_ROWS / BLOCKS_Y];
+        let mut together = [[0; BLOCKS_Y * BLOCKS_Y]; MAX_STRIDE];
         for (rows, together) in rows.as_chunks::<BLOCKS_Y>().0.iter().zip(&mut together) {
             for from in 0..BLOCKS_Y {
                 let mut blocks = 0;
@@ -34,8 +34,8 @@ impl BlockRows {
         Self { together }
     }
 
-    /// The native tiles with a block that `rect` meets, bit `MAX_STRIDE · row + column` for each. `rect` is clipped to a tile of
-    /// `size` at `corner`.
+    /// The native tiles with a block that `rect` meets, bit `MAX_STRIDE · row + column` for each. `rect` meets the tile of
+    /// `size` at `corner`; what lies outside the tile is left out.
     #[inline(always)]
     pub fn native_tiles_met(&self, rect: PixelRect, corner: [usize; 2], size: [usize; 2]) -> u64 {
         let first = |from: u16, a: usize| usize::from(from).saturating_sub(corner[a]) / BLOCK;
@@ -58,7 +58,7 @@ impl BlockRows {
 /// Which bytes are not zero: of a row of blocks, the native tiles with a block.
 const fn bytes_set(row: u64) -> u8 {
     const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
-    let highest = ((row & LOW) + LOW | row) & !LOW;
+    let highest = (((row & LOW) + LOW) | row) & !LOW;
     // Adds byte i, which is 0 or 1, to bit i of the highest byte: 2^(8i) · 2^(56 − 7i).
     ((highest >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
 }

@@ -1,7 +1,7 @@
 //! Exact blocks: pixels of the native image, made from the splats of a low-resolution frame.
 //!
-//! The low-resolution frame has projected, coloured, binned and sorted all splats of the native image. Its tiles span
-//! stride times as many pixels along each axis: stride² native tiles. The blocks of a native tile are blended together,
+//! The low-resolution frame has projected, coloured and binned all splats of the native image. Its tiles span stride times as
+//! many pixels along each axis: stride² native tiles. The splats that meet a tile's blocks are sorted. The blocks of a native tile are blended together,
 //! from the splats with a rectangle that meets one of them.
 
 use fearless_simd::{Simd, dispatch};
@@ -253,7 +253,7 @@ impl Scratch {
         }
     }
 
-    /// Lists the splats taken for the native tiles that they meet, front to back. They are in scene order, as all splats of a
+    /// Lists the splats taken for the native tiles that they meet, front to back. The splats taken are in scene order, as all splats of a
     /// native tile are, so equal depths keep the native image's order.
     fn list(&mut self) {
         let Self { tile: TileScratch { order, splats, .. }, met, lists } = self;
@@ -317,8 +317,6 @@ mod tests {
 
     use crate::{Culling, Importance, Outputs, RasterSettings, Rasterizer, Window, matched_dilation};
 
-    /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
-    /// one tile only; and in slabs.
     /// Frames, blocks and importance have the same bits with memory for all entries at once, for some tiles of a row, and for
     /// one tile only; and in slabs.
     #[test]

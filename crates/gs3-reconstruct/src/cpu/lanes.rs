@@ -82,3 +82,22 @@ pub(crate) fn look_up<S: Simd>(simd: S, values: &[f32], bytes: u8x64<S>) -> f32x
     let (low, high) = values[..WINDOW].split_at(WINDOW / 2);
     f32x16::from_slice(simd, low).concat_swizzle_dyn(f32x16::from_slice(simd, high), bytes)
 }
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+
+    use super::*;
+
+    #[test]
+    fn numbers_of_all_lanes_are_looked_up() {
+        let table: Vec<[f32; 8]> = (0..50).map(|i| std::array::from_fn(|k| (100 * i + k) as f32)).collect();
+        let at: [i32; CHUNK] = std::array::from_fn(|lane| (lane * lane * 7 % 50) as i32);
+        for first in [0, 4] {
+            let found = dispatch!(gs3_simd::level(), simd => look_up_four(simd, &table, &at, first).map(|v| v.to_array()));
+            for (k, found) in found.iter().enumerate() {
+                assert_eq!(*found, at.map(|i| table[i as usize][first + k]), "number {k} from {first} on");
+            }
+        }
+    }
+}

@@ -128,8 +128,8 @@ impl Rectification {
     ) -> f32x16<S> {
         let place = |x: f32x16<S>, axis: usize| {
             let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
-            // In this order, NaN becomes 0.
-            place.max(0.0).min(self.last[axis]).floor()
+            // NaN becomes 0.
+            place.max_precise(0.0).min(self.last[axis]).floor()
         };
         let (i, j) = (place(x, 0).to_int::<i32x16<S>>(), place(y, 1).to_int::<i32x16<S>>());
         let at = (j * self.width as i32 + i).to_array();
@@ -149,7 +149,7 @@ impl Rectification {
     }
 }
 
-/// Index in a row of cells of the ranges' lows and highs, before columns are joined.
+/// Index, among the planes of a row, of the ranges' lows and highs, before columns are joined.
 const LOW: usize = MIDDLE;
 const HIGH: usize = HALF;
 
@@ -199,7 +199,7 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
 }
 
 /// Finds the joint range of the first-order extrapolations of two rows of samples, and the farthest depths, column by
-/// column. `cells` is `[VALUES, width]`.
+/// column. `planes` is `[VALUES, width]` and one more value.
 #[inline(always)]
 fn join_rows<S: Simd>(
     simd: S,
@@ -208,7 +208,7 @@ fn join_rows<S: Simd>(
     depth: &Planes<1>,
     errors: &[f32],
     rows: [usize; 2],
-    cells: &mut [f32],
+    planes: &mut [f32],
 ) {
     let width = color.width();
     for first in (0..width).step_by(LANES) {
@@ -223,41 +223,42 @@ fn join_rows<S: Simd>(
                 let spread = (dx.abs() + dy.abs()) * EXTRAPOLATION;
                 (low, high) = (low.min(color - spread), high.max(color + spread));
             }
-            store(low, &mut cells[(LOW + c) * width + first..], count);
-            store(high, &mut cells[(HIGH + c) * width + first..], count);
+            store(low, &mut planes[(LOW + c) * width + first..], count);
+            store(high, &mut planes[(HIGH + c) * width + first..], count);
         }
         let [a, b] = rows.map(|row| load(simd, &depth.row(0, row)[first..]));
         let (a, b) = (inverse_depth_16(simd, a), inverse_depth_16(simd, b));
-        store(a.min(b), &mut cells[FARTHEST * width + first..], count);
+        store(a.min(b), &mut planes[FARTHEST * width + first..], count);
         let [a, b] = rows.map(|row| load(simd, &errors[row * width + first..(row + 1) * width]));
-        store(a.max(b), &mut cells[DRIFT_GAIN * width + first..], count);
+        store(a.max(b), &mut planes[DRIFT_GAIN * width + first..], count);
     }
 }
 
 /// Joins each column of a row of cells with the next column, and computes the values of the cells.
 #[inline(always)]
-fn join_columns<S: Simd>(simd: S, width: usize, cells: &mut [f32]) {
+fn join_columns<S: Simd>(simd: S, width: usize, planes: &mut [f32]) {
     for first in (0..width).step_by(LANES) {
         let count = LANES.min(width - first);
         let column = f32x16::from_fn(simd, |k| (first + k) as f32);
         let is_inner = column.simd_lt((width - 1) as f32);
         for c in 0..3 {
             let (low_at, high_at) = ((LOW + c) * width + first, (HIGH + c) * width + first);
-            let (low, high) = (load(simd, &cells[low_at..]), load(simd, &cells[high_at..]));
-            let (next_low, next_high) = (load(simd, &cells[low_at + 1..]), load(simd, &cells[high_at + 1..]));
+            let (low, high) = (load(simd, &planes[low_at..]), load(simd, &planes[high_at..]));
+            let (next_low, next_high) =
+                (load(simd, &planes[low_at + 1..]), load(simd, &planes[high_at + 1..]));
             let (low, high) =
                 (is_inner.select(low.min(next_low), low), is_inner.select(high.max(next_high), high));
-            store((low + high) * 0.5, &mut cells[(MIDDLE + c) * width + first..], count);
-            store((high - low) * 0.5, &mut cells[(HALF + c) * width + first..], count);
+            store((low + high) * 0.5, &mut planes[(MIDDLE + c) * width + first..], count);
+            store((high - low) * 0.5, &mut planes[(HALF + c) * width + first..], count);
         }
         let at = FARTHEST * width + first;
-        let (far, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
+        let (far, next) = (load(simd, &planes[at..]), load(simd, &planes[at + 1..]));
         let far = is_inner.select(far.min(next), far);
-        store(far * (1.0 - DEPTH_TOLERANCE), &mut cells[at..], count);
+        store(far * (1.0 - DEPTH_TOLERANCE), &mut planes[at..], count);
         let at = DRIFT_GAIN * width + first;
-        let (error, next) = (load(simd, &cells[at..]), load(simd, &cells[at + 1..]));
+        let (error, next) = (load(simd, &planes[at..]), load(simd, &planes[at + 1..]));
         let error = is_inner.select(error.max(next), error);
-        store(DRIFT * DRIFT / (error + ERROR_FLOOR), &mut cells[at..], count);
+        store(DRIFT * DRIFT / (error + ERROR_FLOOR), &mut planes[at..], count);
     }
 }
 

@@ -10,7 +10,7 @@
 //! Values shared by all channels of a pixel are computed with samples or pixels as lanes: sixteen samples land at
 //! once, and the weights of four samples for a row of pixels are one vector. Values that differ between channels, a
 //! sample's predictions of four pixels in a row, are one vector with channels as lanes: two multiply-adds, one load
-//! and one store.
+//! and one store. Samples of exact blocks reach only the four pixels around them, one vector a pixel.
 
 use fearless_simd::{Simd, f32x4, f32x16, i32x16, mask32x16, prelude::*};
 
@@ -23,16 +23,21 @@ use crate::cpu::tile::{NOISE, Tile};
 use crate::cpu::tile_size::{PAD_X, PAD_Y, STRIDE};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// A sample reaches this many pixels in a row: those less than two pixels away along x. They are one vector.
+/// A sample of an LR frame reaches this many pixels in a row: those less than two pixels away along x. They are one vector. Samples of
+/// exact blocks reach fewer of the same pixels ([`CORNERS`]).
 pub(crate) const COLUMNS: usize = 4;
 
-/// A sample reaches this many rows, the nearest ones; all are less than two pixels away along y.
+/// A sample of an LR frame reaches this many rows, the nearest ones; all are less than two pixels away along y.
 pub(crate) const ROWS: usize = 3;
 
-/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than one pixel
-/// away. Every pixel around has a sample of its own, which is nearer. (Empirical: as far as other samples reach, they lose 0.04 to
-/// 0.31 dB, frames 1 to 23 of six paths.)
+/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than [`NEAR`] away
+/// along both axes. Within a block every pixel has a nearer sample of its own. (Empirical, frames 1 to 23 of six paths: the reach of
+/// other samples loses 0.04 to 0.31 dB.)
 const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [0, 1], [1, 1]];
+
+/// Samples at rest lie on whole pixels, up to rounding: f32 are 2⁻¹⁰ apart at 8192. This far from one pixel, a sample reaches its own
+/// pixel alone on either side of a whole number.
+pub(crate) const NEAR: f32 = 1.0 - 1.0 / 256.0;
 
 /// Largest distance of a sample from a pixel that it reaches, rounded up, in pixels.
 pub(crate) const REACH: f32 = 2.0;
@@ -279,19 +284,21 @@ impl<'a> Tile<'a> {
             }
         }
     }
-}
 
-impl<'a> Tile<'a> {
-    /// Adds the predictions of the samples `chunk` of an exact block, which reach the four pixels around them.
+    /// Adds the predictions of an exact block's samples, `chunk`, to the four pixels around each.
     #[inline(always)]
     fn splat_dense<S: Simd>(&mut self, simd: S, footprints: &Footprints, chunk: &'a Chunk) {
-        let [x, y, noise] = [&footprints.x, &footprints.y, &footprints.noise]
-            .map(|values| f32x16::load_array_ref(simd, values));
+        let x = f32x16::load_array_ref(simd, &footprints.x);
+        let y = f32x16::load_array_ref(simd, &footprints.y);
+        let noise = f32x16::load_array_ref(simd, &footprints.noise);
         let mut weights = [[0.0; CHUNK]; CORNERS.len()];
         for (weights, [column, row]) in weights.iter_mut().zip(CORNERS) {
             let (dx, dy) = (x - column as f32, y - row as f32);
             let d2 = dy.mul_add(dy, dx * dx);
-            d2.mul_add(d2, noise).approximate_recip().store_array(weights);
+            let is_near = dx.abs().simd_lt(NEAR) & dy.abs().simd_lt(NEAR);
+            is_near
+                .select(d2.mul_add(d2, noise).approximate_recip(), f32x16::splat(simd, 0.0))
+                .store_array(weights);
         }
         let is_color = f32x4::load_array(simd, [1.0, 1.0, 1.0, 0.0]).simd_gt(0.0);
         let (zero, one) = (f32x4::splat(simd, 0.0), f32x4::splat(simd, 1.0));

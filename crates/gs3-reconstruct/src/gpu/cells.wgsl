@@ -1,5 +1,5 @@
-// Cells: one per HR pixel, and a rim. A sample reaches COLUMNS columns and ROWS rows of pixels, and the first of these
-// pixels is its cell.
+// Cells: one per HR pixel, and a rim. A sample reaches COLUMNS columns and ROWS rows of pixels at most, and the first of
+// these pixels is its cell. A sample of an exact block reaches fewer; see CORNERS in splat.rs.
 
 // The cell of a sample that reaches no pixel.
 const NOWHERE: u32 = 0xffffffffu;
@@ -7,7 +7,7 @@ const NOWHERE: u32 = 0xffffffffu;
 // In a variance's sign: the sample belongs to the current frame.
 const CURRENT: u32 = 0x80000000u;
 
-// In a variance's lowest bit, which counts for nothing: the sample belongs to an exact block.
+// In a variance's lowest bit, which is too small to matter: the sample belongs to an exact block.
 const DENSE: u32 = 1u;
 
 fn cell_columns() -> u32 {

@@ -13,7 +13,7 @@
 @group(0) @binding(5) var<storage, read_write> cell_counts: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
 @group(0) @binding(6) var<storage, read_write> places: array<vec2<f32>>;
-// Variance of the prediction at the sample's place, pixel⁴; the sample's cell, or NOWHERE.
+// Variance of the prediction at the sample's place, pixel⁴, with DENSE; the sample's cell, or NOWHERE.
 @group(0) @binding(7) var<storage, read_write> landed: array<vec2<u32>>;
 
 // Bits of the largest inverse depth of the samples nearest to each pixel, 0 where there is none. Bits of non-negative

@@ -2,7 +2,7 @@
 //
 // A workgroup makes a tile of pixels plus one pixel around it, which the correction for curvature needs. First an
 // invocation evaluates the surface at four pixels in a row, which share its columns. Then an invocation adds the
-// samples that reach its pixels: those of COLUMNS cells in each of ROWS rows (order.wgsl).
+// samples that reach its pixels: among those of COLUMNS cells in each of ROWS rows (order.wgsl).
 
 // RGB and uncertainty, halves, row by row.
 @group(0) @binding(7) var<storage, read_write> image: array<vec2<u32>>;
@@ -68,7 +68,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
                 let d = vec2<f32>(to) - ordered_places[place];
                 let a = ordered_a[place];
                 // See CORNERS in splat.rs.
-                if (a.x & DENSE) != 0u && any(abs(d) >= vec2(1.0)) {
+                if (a.x & DENSE) != 0u && any(abs(d) >= vec2(NEAR)) {
                     continue;
                 }
                 let s = unpack_sample(a.y, ordered_b[place], ordered_c[place]);
