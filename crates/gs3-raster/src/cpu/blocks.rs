@@ -1,8 +1,8 @@
 //! Exact blocks: pixels of the native image, made from the splats of a low-resolution frame.
 //!
 //! The low-resolution frame has projected, coloured and binned all splats of the native image. Its tiles span stride times as
-//! many pixels along each axis: stride² native tiles. The splats that meet a tile's blocks are sorted. The blocks of a native tile are blended together,
-//! from the splats with a rectangle that meets one of them.
+//! many pixels along each axis: stride² native tiles. The splats that meet a tile's blocks are sorted. The blocks of a native
+//! tile are blended together, from the splats with a rectangle that meets one of them.
 
 use fearless_simd::{Simd, dispatch};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
@@ -253,8 +253,8 @@ impl Scratch {
         }
     }
 
-    /// Lists the splats taken for the native tiles that they meet, front to back. The splats taken are in scene order, as all splats of a
-    /// native tile are, so equal depths keep the native image's order.
+    /// Lists the splats taken for the native tiles that they meet, front to back. The splats taken are in scene order, as all
+    /// splats of a native tile are, so equal depths keep the native image's order.
     fn list(&mut self) {
         let Self { tile: TileScratch { order, splats, .. }, met, lists } = self;
         lists.resize_with(MAX_STRIDE * MAX_STRIDE, Vec::new);

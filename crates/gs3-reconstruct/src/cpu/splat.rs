@@ -23,20 +23,20 @@ use crate::cpu::tile::{NOISE, Tile};
 use crate::cpu::tile_size::{PAD_X, PAD_Y, STRIDE};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
-/// A sample of an LR frame reaches this many pixels in a row: those less than two pixels away along x. They are one vector. Samples of
-/// exact blocks reach fewer of the same pixels ([`CORNERS`]).
+/// A sample of an LR frame reaches this many pixels in a row: those less than two pixels away along x. They are one vector.
+/// Samples of exact blocks reach fewer of the same pixels ([`CORNERS`]).
 pub(crate) const COLUMNS: usize = 4;
 
 /// A sample of an LR frame reaches this many rows, the nearest ones; all are less than two pixels away along y.
 pub(crate) const ROWS: usize = 3;
 
-/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than [`NEAR`] away
-/// along both axes. Within a block every pixel has a nearer sample of its own. (Empirical, frames 1 to 23 of six paths: the reach of
-/// other samples loses 0.04 to 0.31 dB.)
+/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than [`NEAR`]
+/// away along both axes. Within a block every pixel has a nearer sample of its own. (Empirical, frames 1 to 23 of six paths:
+/// the reach of other samples loses 0.04 to 0.31 dB.)
 const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [0, 1], [1, 1]];
 
-/// Samples at rest lie on whole pixels, up to rounding: f32 are 2⁻¹⁰ apart at 8192. This far from one pixel, a sample reaches its own
-/// pixel alone on either side of a whole number.
+/// Distance in pixels, along an axis, from which on a sample of an exact block does not reach a pixel. Samples at rest lie on
+/// whole pixels up to rounding, at 8192 pixels up to 2⁻¹⁰ on either side. Four times as much keeps them to their own pixel.
 pub(crate) const NEAR: f32 = 1.0 - 1.0 / 256.0;
 
 /// Largest distance of a sample from a pixel that it reaches, rounded up, in pixels.
@@ -182,8 +182,7 @@ impl Source<'_> {
         let position = [x, y, w];
         // Positions relative to the tile, with its first pixel at (PAD_X, PAD_Y).
         let (x, y) = (x - (tile.left as f32 - PAD_X as f32), y - (tile.top as f32 - PAD_Y as f32));
-        let near = [x, y + 0.5].map(SimdFloat::floor);
-        let [first_x, first_y] = [near[0] - 1.0, near[1] - 1.0];
+        let (first_x, first_y) = (x.floor() - 1.0, (y + 0.5).floor() - 1.0);
         let reached = seen.is_sample
             & seen.q.simd_gt(MIN_DIVISOR)
             & first_x.simd_gt(PAD_X as f32 - COLUMNS as f32)
@@ -203,8 +202,8 @@ impl Source<'_> {
         let motion = seen.moved / (seen.moved + 1.0);
         let noise = seen.staleness.mul_add(AGING, variance).mul_add(motion, splat(NOISE));
         let seen = reached & noise.simd_le(MAX_NOISE);
-        let [first_x, first_y] =
-            if self.frame.is_blocks() { [first_x + 1.0, y.floor()] } else { [first_x, first_y] };
+        let (first_x, first_y) =
+            if self.frame.is_blocks() { (x.floor(), y.floor()) } else { (first_x, first_y) };
         let first = first_y.mul_add(STRIDE as f32, first_x).to_int::<i32x16<S>>();
         Footprints {
             first: first.to_array(),

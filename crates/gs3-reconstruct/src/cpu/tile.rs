@@ -41,7 +41,7 @@ const _: () = assert!(QUAD == BLOCK_SIDE && TILE_WIDTH.is_multiple_of(BLOCK_SIDE
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE));
 
 /// The squared error expected per squared correction for curvature. (Empirical: `examples/expected_error.rs` finds true
-/// errors 1.6 to 3.1 times the correction, over tenths of the blocks of six paths.)
+/// errors 1.6 to 3.0 times the correction, over tenths of the blocks of six paths.)
 pub(crate) const PER_LAPLACIAN: f32 = 6.0;
 
 /// Inverse variances (pixel⁻⁴) below this value say nothing: past samples more than 2.6 pixels away, or with a larger
