@@ -3,15 +3,17 @@
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use super::cover::{BLOCK, BLOCKS_X, BLOCKS_Y};
 use super::splat::PixelRect;
+use crate::settings::MAX_BLOCK_SCALE;
 
 /// Largest stride: a tile's columns of blocks, and its native tiles, are the bits of a mask.
-pub const MAX_STRIDE: usize = 8;
+pub const MAX_STRIDE: usize = MAX_BLOCK_SCALE as usize;
 
 /// Most rows of blocks in a tile.
 pub const MAX_ROWS: usize = TILE_HEIGHT * MAX_STRIDE / BLOCK;
 
-// A byte of a row of blocks is a native tile, and a number has the columns of the widest tile.
-const _: () = assert!(BLOCKS_X == 8 && TILE_WIDTH * MAX_STRIDE / BLOCK == u64::BITS as usize);
+// A byte of a row of blocks is a native tile, a number has the columns of the widest tile, and a mask has all native tiles.
+const _: () =
+    assert!(BLOCKS_X == 8 && MAX_STRIDE == 8 && TILE_WIDTH * MAX_STRIDE / BLOCK == u64::BITS as usize);
 
 /// The blocks of a tile as bits. A rectangle's native tiles take one look-up for each row of native tiles.
 pub struct BlockRows {

@@ -31,7 +31,7 @@ use thread_local::ThreadLocal;
 use web_time::Instant;
 
 use crate::chunk::{self, CHUNK, Chunk};
-use crate::settings::{Culling, MAX_BLOCK_SCALE, Outputs, RasterError, RasterSettings, Window};
+use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
 use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, SAMPLES};
@@ -47,8 +47,6 @@ use slabs::{Blending, Slab, SlabPlace, TileState};
 const JOB_CHUNKS: usize = 64;
 const _: () = assert!(JOB_CHUNKS * CHUNK <= bin::MAX_JOB_SIZE);
 
-// A row of a tile's blocks is the bits of one number.
-const _: () = assert!(TILE_WIDTH * MAX_BLOCK_SCALE as usize / BLOCK_SIDE <= u64::BITS as usize);
 const _: () = assert!(TILE_HEIGHT.is_multiple_of(BLOCK_SIDE) && TILE_WIDTH.is_multiple_of(BLOCK_SIDE));
 
 /// Default of [`Rasterizer::with_list_memory`] in bytes: 2²⁵ splats of tiles. Frames of captures have up to a tenth of them.

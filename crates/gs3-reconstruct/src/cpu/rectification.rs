@@ -142,7 +142,7 @@ impl Rectification {
             sum = outside.mul_add(outside, sum);
             square = extent[c].mul_add(extent[c], square);
         }
-        // The squared extent of the range is four times that of its half.
+        // A range's extent is twice its half extent, so the square is four times as large.
         let gain = f32x16::splat(simd, MISMATCH) / square.mul_add(4.0, f32x16::splat(simd, EXTENT_FLOOR));
         let variance = sum.mul_add(gain, drift_gain * (staleness * staleness));
         w.simd_lt(farthest).select(f32x16::splat(simd, HIDDEN), variance)

@@ -30,14 +30,14 @@ pub(crate) const COLUMNS: usize = 4;
 /// A sample of an LR frame reaches this many rows, the nearest ones; all are less than two pixels away along y.
 pub(crate) const ROWS: usize = 3;
 
-/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than [`NEAR`]
+/// Column and row of the pixels that a sample of an exact block reaches, from the first one on: the pixels less than [`BLOCK_REACH`]
 /// away along both axes. Within a block every pixel has a nearer sample of its own. (Empirical, frames 1 to 23 of six paths:
 /// the reach of other samples loses 0.04 to 0.31 dB.)
 const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [0, 1], [1, 1]];
 
 /// Distance in pixels, along an axis, from which on a sample of an exact block does not reach a pixel. Samples at rest lie on
 /// whole pixels up to rounding, at 8192 pixels up to 2⁻¹⁰ on either side. Four times as much keeps them to their own pixel.
-pub(crate) const NEAR: f32 = 1.0 - 1.0 / 256.0;
+pub(crate) const BLOCK_REACH: f32 = 1.0 - 1.0 / 256.0;
 
 /// Largest distance of a sample from a pixel that it reaches, rounded up, in pixels.
 pub(crate) const REACH: f32 = 2.0;
@@ -232,7 +232,7 @@ impl<'a> Tile<'a> {
         }
         let chunk = source.frame.chunk(row, chunk);
         if source.frame.is_blocks() {
-            return self.splat_dense(simd, &footprints, chunk);
+            return self.splat_block(simd, &footprints, chunk);
         }
         let columns = f32x16::from_fn(simd, |k| (k % COLUMNS) as f32);
         let pixels = f32x16::from_fn(simd, |k| (k / 4) as f32);
@@ -258,13 +258,7 @@ impl<'a> Tile<'a> {
                 let Ok(first) = usize::try_from(footprints.first[i]) else {
                     break;
                 };
-                if let Some(neighborhoods) = &mut self.neighborhoods {
-                    let at = [
-                        (first % STRIDE) as f32 + footprints.x[i],
-                        (first / STRIDE) as f32 + footprints.y[i],
-                    ];
-                    neighborhoods.take(at, footprints.noise[i], chunk.sample(i));
-                }
+                self.take_neighbor(&footprints, i, first, chunk);
                 // Lanes: four pixels in a row, four channels each.
                 let [color, dx, dy] = chunk.quads(i);
                 let along_y = is_color.select(repeat(simd, dy), zero);
@@ -284,9 +278,19 @@ impl<'a> Tile<'a> {
         }
     }
 
+    /// Hands sample `i` of `chunk`, whose first pixel is `first`, to the neighbourhoods, if pixels are to be kriged.
+    #[inline(always)]
+    fn take_neighbor(&mut self, footprints: &Footprints, i: usize, first: usize, chunk: &'a Chunk) {
+        if let Some(neighborhoods) = &mut self.neighborhoods {
+            let Footprints { x, y, noise, .. } = footprints;
+            let at = [(first % STRIDE) as f32 + x[i], (first / STRIDE) as f32 + y[i]];
+            neighborhoods.take(at, noise[i], chunk.sample(i));
+        }
+    }
+
     /// Adds the predictions of an exact block's samples, `chunk`, to the four pixels around each.
     #[inline(always)]
-    fn splat_dense<S: Simd>(&mut self, simd: S, footprints: &Footprints, chunk: &'a Chunk) {
+    fn splat_block<S: Simd>(&mut self, simd: S, footprints: &Footprints, chunk: &'a Chunk) {
         let x = f32x16::load_array_ref(simd, &footprints.x);
         let y = f32x16::load_array_ref(simd, &footprints.y);
         let noise = f32x16::load_array_ref(simd, &footprints.noise);
@@ -294,7 +298,7 @@ impl<'a> Tile<'a> {
         for (weights, [column, row]) in weights.iter_mut().zip(CORNERS) {
             let (dx, dy) = (x - column as f32, y - row as f32);
             let d2 = dy.mul_add(dy, dx * dx);
-            let is_near = dx.abs().simd_lt(NEAR) & dy.abs().simd_lt(NEAR);
+            let is_near = dx.abs().simd_lt(BLOCK_REACH) & dy.abs().simd_lt(BLOCK_REACH);
             is_near
                 .select(d2.mul_add(d2, noise).approximate_recip(), f32x16::splat(simd, 0.0))
                 .store_array(weights);
@@ -306,11 +310,7 @@ impl<'a> Tile<'a> {
             let i = seen.trailing_zeros() as usize % CHUNK;
             seen &= seen - 1;
             let Ok(first) = usize::try_from(footprints.first[i]) else { break };
-            if let Some(neighborhoods) = &mut self.neighborhoods {
-                let at =
-                    [(first % STRIDE) as f32 + footprints.x[i], (first / STRIDE) as f32 + footprints.y[i]];
-                neighborhoods.take(at, footprints.noise[i], chunk.sample(i));
-            }
+            self.take_neighbor(footprints, i, first, chunk);
             let [color, dx, dy] = chunk.quads(i);
             let [dx, dy] = [dx, dy].map(|slope| is_color.select(f32x4::from_slice(simd, slope), zero));
             let at_row = dx.mul_add(-footprints.x[i], f32x4::from_slice(simd, color));

@@ -292,7 +292,8 @@ mod tests {
         );
         assert!(!is_known(&turning[..6], 0.0, 15), "what is forgotten stays forgotten");
         assert_eq!([3, 4].map(|age| is_known(&[0.0; 15][..age], 0.0, 3)), [true, false]);
-        // Depths that become known late are those of the frames before, too. Five steps are a quarter of the depth.
+        // Frames of unknown depth get the depth of the next frame with a known depth. The camera walks a quarter of the depth
+        // in five steps.
         let walking = |depths: [f32; 5]| {
             let mut history = BlockHistory::new(&plan);
             let at = |frame: usize| {

@@ -8,7 +8,7 @@ const NOWHERE: u32 = 0xffffffffu;
 const CURRENT: u32 = 0x80000000u;
 
 // In a variance's lowest bit, which is too small to matter: the sample belongs to an exact block.
-const DENSE: u32 = 1u;
+const OF_BLOCK: u32 = 1u;
 
 fn cell_columns() -> u32 {
     return frame.size.x + COLUMNS - 1u;

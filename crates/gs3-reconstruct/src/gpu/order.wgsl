@@ -13,7 +13,7 @@
 @group(0) @binding(4) var<storage, read_write> listed: array<u32>;
 @group(0) @binding(5) var<storage, read> places: array<vec2<f32>>;
 @group(0) @binding(6) var<storage, read> samples_a: array<vec2<u32>>;
-// In order: places; variance, with CURRENT and DENSE, and red and green; numbers.
+// In order: places; variance, with CURRENT and OF_BLOCK, and red and green; numbers.
 @group(0) @binding(7) var<storage, read_write> ordered_places: array<vec2<f32>>;
 @group(0) @binding(8) var<storage, read_write> ordered_a: array<vec2<u32>>;
 @group(0) @binding(9) var<storage, read_write> order: array<u32>;

@@ -140,7 +140,7 @@ pub fn tile(plan: &SuperSamplePlan, side_output: SideOutput, kriging: Kriging) -
         ("EXACT", tile::EXACT),
         ("CURVATURE", tile::CURVATURE),
         ("FAINT", tile::FAINT),
-        ("NEAR", splat::NEAR),
+        ("BLOCK_REACH", splat::BLOCK_REACH),
         ("THRESHOLD", kriging.threshold().unwrap_or_default()),
     ]);
     let kriging = format!("const KRIGING: bool = {};\n", kriging.threshold().is_some());

@@ -13,7 +13,7 @@
 @group(0) @binding(5) var<storage, read_write> cell_counts: array<atomic<u32>>;
 // HR positions, pixel centres at whole numbers.
 @group(0) @binding(6) var<storage, read_write> places: array<vec2<f32>>;
-// Variance of the prediction at the sample's place, pixel⁴, with DENSE; the sample's cell, or NOWHERE.
+// Variance of the prediction at the sample's place, pixel⁴, with OF_BLOCK; the sample's cell, or NOWHERE.
 @group(0) @binding(7) var<storage, read_write> landed: array<vec2<u32>>;
 
 // Bits of the largest inverse depth of the samples nearest to each pixel, 0 where there is none. Bits of non-negative
@@ -143,6 +143,6 @@ fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
     let corner = vec2<u32>(vec2<i32>(first) + vec2<i32>(i32(COLUMNS) - 1, i32(ROWS) - 1));
     let cell = corner.y * cell_columns() + corner.x;
     places[id] = to;
-    landed[id] = vec2((bitcast<u32>(noise) & ~DENSE) | select(0u, DENSE, id >= frame.first_of_blocks), cell);
+    landed[id] = vec2((bitcast<u32>(noise) & ~OF_BLOCK) | select(0u, OF_BLOCK, id >= frame.first_of_blocks), cell);
     atomicAdd(&cell_counts[cell], 1u);
 }

@@ -68,7 +68,7 @@ fn accumulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
                 let d = vec2<f32>(to) - ordered_places[place];
                 let a = ordered_a[place];
                 // See CORNERS in splat.rs.
-                if (a.x & DENSE) != 0u && any(abs(d) >= vec2(NEAR)) {
+                if (a.x & OF_BLOCK) != 0u && any(abs(d) >= vec2(BLOCK_REACH)) {
                     continue;
                 }
                 let s = unpack_sample(a.y, ordered_b[place], ordered_c[place]);
