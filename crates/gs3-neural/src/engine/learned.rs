@@ -66,9 +66,9 @@ impl Learned {
             Op::LayerNorm { epsilon } => {
                 for x in 0..layout.shape.width {
                     let pixel = |b: usize| &sources.pixels(input, y, b)[x];
-                    let Moments { mean, scale } = Moments::new(simd, layout.shape.channels, epsilon, pixel);
+                    let moments = Moments::new(simd, layout.shape.channels, epsilon, pixel);
                     for (b, (weight, bias)) in self.weight.iter().zip(&self.bias).enumerate() {
-                        let normal = (load(simd, pixel(b)) - mean) * scale;
+                        let normal = moments.normal(simd, pixel(b));
                         let value = normal.mul_add(load(simd, weight), load(simd, bias));
                         out[b * stride + halo + x].0 = value.to_array();
                     }
@@ -113,17 +113,26 @@ impl Moments {
         let variance = sum(simd, channels, square) / channels as f32;
         Self { mean, scale: 1.0 / (variance + epsilon).sqrt() }
     }
+
+    /// The normalised channels of a block.
+    #[inline(always)]
+    pub fn normal<S: Simd>(self, simd: S, block: &Block) -> f32x16<S> {
+        (load(simd, block) - self.mean) * self.scale
+    }
 }
 
-/// The sum of the first `channels` of the lanes of all blocks; lanes beyond them may hold anything.
+/// The sum of the first `channels` of the lanes of all blocks; lanes beyond them may hold anything. `block` is called at one
+/// place here, or it would not be inlined where vectors are enabled.
 #[inline(always)]
 pub fn sum<S: Simd>(simd: S, channels: usize, block: impl Fn(usize) -> f32x16<S>) -> f32 {
-    let mut sums = f32x16::splat(simd, 0.0);
-    let whole = channels / LANES;
-    (0..whole).for_each(|b| sums += block(b));
-    let mut total = sums.to_array().iter().sum::<f32>();
-    if !channels.is_multiple_of(LANES) {
-        total += block(whole).to_array()[..channels % LANES].iter().sum::<f32>();
+    let (mut sums, mut rest) = (f32x16::splat(simd, 0.0), 0.0);
+    for b in 0..channels.div_ceil(LANES) {
+        let (values, left) = (block(b), channels - b * LANES);
+        if left >= LANES {
+            sums += values;
+        } else {
+            rest = values.to_array()[..left].iter().sum();
+        }
     }
-    total
+    sums.to_array().iter().sum::<f32>() + rest
 }

@@ -57,7 +57,12 @@ impl<'a> Row<'a> {
             let out = &mut out[self.layout.halo..][..self.layout.shape.width];
             match op {
                 Op::Activate(activation) => {
-                    self.each_of_first(simd, b, out, |x, _| activate(simd, *activation, x));
+                    // Not by a closure: one as long as this is not inlined where vectors are enabled.
+                    let first = self.first(b);
+                    for (k, out) in out.iter_mut().enumerate() {
+                        let x = load(simd, first.map_or(&*out, |line| &line[k]));
+                        out.0 = activate(simd, *activation, x).to_array();
+                    }
                 }
                 Op::Add => {
                     let [y] = self.lines([1], b);
@@ -101,7 +106,14 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// Writes `f` of each pixel of the first input and its place.
+    /// This row of the first input, block `b`; none if the result's place holds the input.
+    #[inline(always)]
+    fn first(&self, b: usize) -> Option<&'a [Block]> {
+        if self.is_update { None } else { Some(self.lines([0], b)[0]) }
+    }
+
+    /// Writes `f` of each pixel of the first input and its place. It is called at one place here, or it would not be inlined
+    /// where vectors are enabled.
     #[inline(always)]
     fn each_of_first<S: Simd>(
         &self,
@@ -110,13 +122,10 @@ impl<'a> Row<'a> {
         out: &mut [Block],
         f: impl Fn(f32x16<S>, usize) -> f32x16<S>,
     ) {
-        if self.is_update {
-            for (k, out) in out.iter_mut().enumerate() {
-                out.0 = f(load(simd, out), k).to_array();
-            }
-        } else {
-            let [line] = self.lines([0], b);
-            each(simd, out, |k| f(load(simd, &line[k]), k));
+        let first = self.first(b);
+        for (k, out) in out.iter_mut().enumerate() {
+            let from = first.map_or(&*out, |line| &line[k]);
+            out.0 = f(load(simd, from), k).to_array();
         }
     }
 

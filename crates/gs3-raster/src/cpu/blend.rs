@@ -192,10 +192,10 @@ pub fn blend_splats<S: Simd, const OUTPUTS: usize>(
         cover.fill(s, of_tile.splats, visited, samples, origin, open);
         // Block by block, so that the state stays in registers during the run.
         for b in 0..BLOCKS {
-            let touching = cover.of_block(b);
-            if touching.is_empty() {
+            if !cover.reaches(b) {
                 continue;
             }
+            let touching = cover.of_block(b);
             let mut state = State::load(s, &blocks[b]);
             let finished = state.blend_run::<OUTPUTS>(s, rules, samples.of_block(s, b), touching, of_tile);
             state.store::<OUTPUTS>(&mut blocks[b]);
@@ -302,12 +302,12 @@ impl<S: Simd> State<S> {
         s: S,
         rules: BlendRules,
         sample: [f32x16<S>; 2],
-        touching: &[u32],
+        touching: impl Iterator<Item = u32>,
         of_tile: TileSplats<'_>,
     ) -> bool {
         let zero = lanes(s, 0.0);
         let max_alpha = lanes(s, rules.max_alpha);
-        for &i in touching {
+        for i in touching {
             let splat = &of_tile.splats[i as usize];
             let t = self.transmittance;
             let Some(contribution) = Contribution::of(s, splat, sample, t, max_alpha) else { continue };

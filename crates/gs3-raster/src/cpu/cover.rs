@@ -1,7 +1,7 @@
 //! Which splats of a run touch which blocks of 4×4 samples: the exact extent per row of blocks, for sixteen splats at
 //! a time.
 
-use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
+use fearless_simd::{Simd, f32x16, prelude::*};
 
 use super::bin::{TILE_HEIGHT, TILE_WIDTH};
 use super::splat::{SPAN_SLACK, SPAN_SLACK_PER_PIXEL, Splat};
@@ -72,10 +72,13 @@ pub struct Cover {
     /// The splats.
     run: [u32; RUN],
     extents: Extents,
-    /// Sixteen spare places, so that whole vectors can be stored at the end of a list.
-    lists: [[u32; RUN + 16]; BLOCKS],
+    /// Places in the run: a byte each, so that the lists stay in the first cache. Eight spare entries, as entries are stored eight
+    /// at a time.
+    lists: [[u8; RUN + 8]; BLOCKS],
     counts: [usize; BLOCKS],
 }
+
+const _: () = assert!(RUN == 1 << u8::BITS);
 
 impl Default for Cover {
     fn default() -> Self {
@@ -92,17 +95,24 @@ impl Default for Cover {
                 dy_at_max_dx: zeros,
                 rect: [zeros; 4],
             },
-            lists: [[0; RUN + 16]; BLOCKS],
+            lists: [[0; RUN + 8]; BLOCKS],
             counts: [0; BLOCKS],
         }
     }
 }
 
 impl Cover {
+    /// Whether a splat of the run touches `block`.
+    #[inline(always)]
+    pub fn reaches(&self, block: usize) -> bool {
+        self.counts[block] > 0
+    }
+
     /// The splats of the run that touch `block`, front to back.
     #[inline(always)]
-    pub fn of_block(&self, block: usize) -> &[u32] {
-        &self.lists[block][..self.counts[block]]
+    pub fn of_block(&self, block: usize) -> impl Iterator<Item = u32> {
+        let places = &self.lists[block][..self.counts[block]];
+        places.iter().map(|place| self.run[usize::from(*place)])
     }
 
     /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of a tile in the bit mask
@@ -148,7 +158,8 @@ impl Cover {
             // Rows of samples in the rectangle.
             let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
             let bottom = (load(s, &e.rect[3], start) * per_pixel + SNAP).floor();
-            let index = u32x16::from_slice(s, &self.run[start..start + 16]);
+            // Of both halves of the sixteen splats, the first place, in each byte.
+            let places = [start as u64, start as u64 + 8].map(|first| first * 0x0101_0101_0101_0101);
             for row in 0..BLOCKS_Y {
                 let first_row = (row * BLOCK) as f32;
                 let row_open = open >> (row * BLOCKS_X) & ((1 << BLOCKS_X) - 1);
@@ -179,14 +190,39 @@ impl Cover {
                     }
                     let (block, first) = (row * BLOCKS_X + column, (column * BLOCK) as f32);
                     let touches = in_rows & from.simd_le(first + last_of_block) & to.simd_ge(first);
-                    let end = self.counts[block];
-                    index.compress(touches).store_slice(&mut self.lists[block][end..end + 16]);
-                    self.counts[block] = end + touches.to_bitmask().count_ones() as usize;
+                    let touches = touches.to_bitmask();
+                    let list = &mut self.lists[block];
+                    let mut end = self.counts[block];
+                    for (half, first) in places.into_iter().enumerate() {
+                        let bits = touches as usize >> (8 * half) & 255;
+                        list[end..end + 8].copy_from_slice(&(BITS[bits] + first).to_le_bytes());
+                        end += bits.count_ones() as usize;
+                    }
+                    self.counts[block] = end;
                 }
             }
         }
     }
 }
+
+/// For each byte, the numbers of its bits that are set, one byte each, from the lowest byte on. On AVX2 a look-up for eight lanes is
+/// faster than compressing a vector, which AVX2 has no instruction for.
+static BITS: [u64; 256] = {
+    let mut all = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let (mut bit, mut count) = (0, 0);
+        while bit < 8 {
+            if byte >> bit & 1 == 1 {
+                all[byte] |= bit << (8 * count);
+                count += 1;
+            }
+            bit += 1;
+        }
+        byte += 1;
+    }
+    all
+};
 
 impl Extents {
     /// Stores splat `i` of the run, for samples from position `corner` on. `rect_origin` is the same corner as a

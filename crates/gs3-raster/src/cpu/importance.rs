@@ -220,10 +220,10 @@ impl Scratch {
         for visited in order.sorted().chunks(RUN) {
             cover.fill(s, splats, visited, &samples, [0.0; 2], open);
             for b in 0..BLOCKS {
-                let touching = cover.of_block(b);
-                if touching.is_empty() {
+                if !cover.reaches(b) {
                     continue;
                 }
+                let touching = cover.of_block(b);
                 let sample = samples.of_block(s, b);
                 if pixels[b].measure(s, rules, sample, touching, splats, shares) {
                     open &= !(1 << b);
@@ -267,7 +267,7 @@ impl Pixels {
         s: S,
         rules: BlendRules,
         sample: [f32x16<S>; 2],
-        touching: &[u32],
+        touching: impl Iterator<Item = u32>,
         splats: &[Splat],
         shares: &mut [Share],
     ) -> bool {
@@ -278,7 +278,7 @@ impl Pixels {
         let mut largest = f32x16::from_slice(s, &self.largest);
         let mut owner = u32x16::from_slice(s, &self.owner);
         let mut all_finished = false;
-        for &index in touching {
+        for index in touching {
             let splat = &splats[index as usize];
             let Some(contribution) = Contribution::of(s, splat, sample, t, max_alpha) else { continue };
             let Contribution { alpha, after, blended, finished, .. } = contribution;

@@ -283,10 +283,7 @@ fn project_lanes<S: Simd>(
         }
         Culling::Adr => {
             let reach = (support - lanes(s, SUPPORT_MARGIN)) * lanes(s, TWO_LN_2);
-            let radius = |variance: f32x16<S>| {
-                (variance.sqrt() * lanes(s, PUBLISHED_SIGMAS)).min((reach * variance).sqrt().ceil())
-            };
-            Some([radius(xx), radius(yy)])
+            Some([adr_radius(s, reach, xx), adr_radius(s, reach, yy)])
         }
         Culling::SnugBox | Culling::AccuTile | Culling::Exact => None,
     };
@@ -326,6 +323,13 @@ fn project_lanes<S: Simd>(
         z.store_slice(&mut out.depth);
     }
     visible
+}
+
+/// Half the width of a support along an axis by AdR-Gaussian's rule, pixels. `reach` is the support's squared radius in units of
+/// the variance. Not a closure: a closure may be compiled without the kernel's vector instructions.
+#[inline(always)]
+fn adr_radius<S: Simd>(s: S, reach: f32x16<S>, variance: f32x16<S>) -> f32x16<S> {
+    (variance.sqrt() * lanes(s, PUBLISHED_SIGMAS)).min((reach * variance).sqrt().ceil())
 }
 
 /// First and last pixel of the 16-px tiles that `mean ± radius` touches by the published rule: from tile ⌊(mean −

@@ -194,7 +194,8 @@ impl Resolver {
                 }
             }
         }
-        let [ray_x, ray_y] = [0, 1].map(|a| (samples[a] - self.center[a]) * self.inv_focal[a]);
+        let ray_x = (samples[0] - self.center[0]) * self.inv_focal[0];
+        let ray_y = (samples[1] - self.center[1]) * self.inv_focal[1];
         let inv_length = one / ray_x.mul_add(ray_x, ray_y.mul_add(ray_y, one)).sqrt();
         let median = f32x16::from_slice(s, &plane[plane::MEDIAN]) * inv_length;
         median.store_slice(&mut plane[plane::MEDIAN]);

@@ -108,16 +108,13 @@ impl Boxes {
                 // A chunk partly behind the camera may be anywhere. A chunk wholly behind it, or no chunk, is
                 // nowhere.
                 let is_none = is_behind | !is_chunk;
-                let low = |v: f32x16<S>| {
-                    let v = is_ahead.select(v - (0.5 + SLACK), splat(f32::NEG_INFINITY));
-                    is_none.select(splat(f32::INFINITY), v)
-                };
-                let high = |v: f32x16<S>| {
-                    let v = is_ahead.select(v - (0.5 - SLACK), splat(f32::INFINITY));
-                    is_none.select(splat(f32::NEG_INFINITY), v)
-                };
+                let [low, high] = [0.5 + SLACK, 0.5 - SLACK];
+                let (least, most) = (splat(f32::NEG_INFINITY), splat(f32::INFINITY));
+                let left = is_none.select(most, is_ahead.select(left - low, least));
+                let right = is_none.select(least, is_ahead.select(right - high, most));
+                let top = is_none.select(most, is_ahead.select(top - low, least));
+                let bottom = is_none.select(least, is_ahead.select(bottom - high, most));
                 let at = row * self.stride + run * LANES..row * self.stride + (run + 1) * LANES;
-                let (left, right, top, bottom) = (low(left), high(right), low(top), high(bottom));
                 left.store_slice(&mut self.left[at.clone()]);
                 right.store_slice(&mut self.right[at.clone()]);
                 top.store_slice(&mut self.top[at.clone()]);
@@ -157,12 +154,14 @@ impl Boxes {
         let offsets = displacement.offsets(simd);
         let [u, v, q] = reprojection.apply_moved_16(simd, places.x, places.y, w, offsets);
         let is_there = places.is_sample & q.simd_gt(MIN_DIVISOR);
-        let least = |x: f32x16<S>| is_there.select(x, f32x16::splat(simd, f32::INFINITY)).reduce_min();
-        let most = |x: f32x16<S>| is_there.select(x, f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max();
+        let (nowhere_low, nowhere_high) =
+            (f32x16::splat(simd, f32::INFINITY), f32x16::splat(simd, f32::NEG_INFINITY));
+        let (left, right) = (is_there.select(u, nowhere_low), is_there.select(u, nowhere_high));
+        let (top, bottom) = (is_there.select(v, nowhere_low), is_there.select(v, nowhere_high));
         let k = row * self.stride + chunk;
-        self.left[k] = self.left[k].min(least(u) - (0.5 + SLACK));
-        self.right[k] = self.right[k].max(most(u) - (0.5 - SLACK));
-        let (top, bottom) = (least(v) - (0.5 + SLACK), most(v) - (0.5 - SLACK));
+        self.left[k] = self.left[k].min(left.reduce_min() - (0.5 + SLACK));
+        self.right[k] = self.right[k].max(right.reduce_max() - (0.5 - SLACK));
+        let (top, bottom) = (top.reduce_min() - (0.5 + SLACK), bottom.reduce_max() - (0.5 - SLACK));
         self.top[k] = self.top[k].min(top);
         self.bottom[k] = self.bottom[k].max(bottom);
         let of_row = &mut self.rows[row];

@@ -168,6 +168,14 @@ fn slope([before, w, after]: [f32; 3]) -> f32 {
     if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 }
 }
 
+/// Places among `len` samples, moved to the nearest that is inside: whole numbers and the rest.
+#[inline(always)]
+fn whole_and_fraction<S: Simd>(simd: S, place: f32x16<S>, len: usize) -> (f32x16<S>, f32x16<S>) {
+    // In this order, NaN becomes 0.
+    let place = place.max(f32x16::splat(simd, 0.0)).min(f32x16::splat(simd, (len - 1) as f32));
+    (place.floor(), place - place.floor())
+}
+
 /// The frame that surfaces are looked up in.
 struct Target<'a> {
     width: usize,
@@ -201,13 +209,8 @@ impl Target<'_> {
         // Differences first: a resting surface then has no flow, despite rounding of its position.
         let flow_x = u - x + splat(jitter[0] - self.jitter[0]);
         let flow_y = v - y + splat(jitter[1] - self.jitter[1]);
-        let place = |place: f32x16<S>, len: usize| {
-            // In this order, NaN becomes 0.
-            let place = place.max(splat(0.0)).min(splat((len - 1) as f32));
-            (place.floor(), place - place.floor())
-        };
-        let (i, along_x) = place(index + flow_x, self.width);
-        let (j, along_y) = place(splat(row as f32) + flow_y, self.height);
+        let (i, along_x) = whole_and_fraction(simd, index + flow_x, self.width);
+        let (j, along_y) = whole_and_fraction(simd, splat(row as f32) + flow_y, self.height);
         let w = w / q;
         let is_background = w.simd_eq(splat(0.0));
         let mut validity = splat(0.0);

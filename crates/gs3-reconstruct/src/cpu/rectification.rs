@@ -126,12 +126,7 @@ impl Rectification {
         staleness: f32x16<S>,
         change: f32x16<S>,
     ) -> f32x16<S> {
-        let place = |x: f32x16<S>, axis: usize| {
-            let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
-            // NaN becomes 0.
-            place.max_precise(0.0).min(self.last[axis]).floor()
-        };
-        let (i, j) = (place(x, 0).to_int::<i32x16<S>>(), place(y, 1).to_int::<i32x16<S>>());
+        let (i, j) = (self.cell(simd, x, 0), self.cell(simd, y, 1));
         let at = (j * self.width as i32 + i).to_array();
         let [middle @ .., farthest] = look_up_four(simd, &self.cells, &at, MIDDLE);
         let [extent @ .., drift_gain] = look_up_four(simd, &self.cells, &at, HALF);
@@ -146,6 +141,14 @@ impl Rectification {
         let gain = f32x16::splat(simd, MISMATCH) / square.mul_add(4.0, f32x16::splat(simd, EXTENT_FLOOR));
         let variance = sum.mul_add(gain, drift_gain * (staleness * staleness));
         w.simd_lt(farthest).select(f32x16::splat(simd, HIDDEN), variance)
+    }
+
+    /// Along an axis, the cells of HR positions.
+    #[inline(always)]
+    fn cell<S: Simd>(&self, simd: S, x: f32x16<S>, axis: usize) -> i32x16<S> {
+        let place = x.mul_add(self.per_hr_pixel, f32x16::splat(simd, self.offset[axis]));
+        // NaN becomes 0.
+        place.max_precise(0.0).min(self.last[axis]).floor().to_int()
     }
 }
 
@@ -165,10 +168,6 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
         let count = LANES.min(width - first);
         let (mut across, mut down) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
         for c in 0..3 {
-            // The curve's value half-way between two samples two spacings apart.
-            let middle = |a: f32x16<S>, b: f32x16<S>, da: f32x16<S>, db: f32x16<S>| {
-                (a + b).mul_add(0.5, (da - db) * 0.25)
-            };
             let (color, dx) = (gbuffer.color.row(c, j), gradients.color_dx.row(c, j));
             let here = load(simd, &color[first..]);
             let error = if first == 0 || first + LANES + 1 > width {
@@ -184,18 +183,24 @@ fn predict<S: Simd>(simd: S, gbuffer: &GBuffer, gradients: &Gradients, j: usize,
             } else {
                 let at = |values: &[f32], i: usize| load(simd, &values[i..]);
                 let (l, r) = (first - 1, first + 1);
-                middle(at(color, l), at(color, r), at(dx, l), at(dx, r)) - here
+                middle([at(color, l), at(color, r)], [at(dx, l), at(dx, r)]) - here
             };
             across = error.mul_add(error, across);
             let at = |planes: &[f32]| load(simd, &planes[first..]);
             let (a, b) = (at(gbuffer.color.row(c, above)), at(gbuffer.color.row(c, below)));
             let dy = &gradients.color_dy;
-            let error = middle(a, b, at(dy.row(c, above)), at(dy.row(c, below)));
+            let error = middle([a, b], [at(dy.row(c, above)), at(dy.row(c, below))]);
             let error = error - load(simd, &gbuffer.color.row(c, above + (below - above) / 2)[first..]);
             down = error.mul_add(error, down);
         }
         store(across.max(down), &mut errors[first..], count);
     }
+}
+
+/// The value of a Hermite curve half-way between two samples two spacings apart, from the samples' values and slopes.
+#[inline(always)]
+fn middle<S: Simd>([a, b]: [f32x16<S>; 2], [da, db]: [f32x16<S>; 2]) -> f32x16<S> {
+    (a + b).mul_add(0.5, (da - db) * 0.25)
 }
 
 /// Finds the joint range of the first-order extrapolations of two rows of samples, and the farthest depths, column by

@@ -44,7 +44,11 @@ impl<const N: usize> Warp<'_, N> {
                     if is_even && quads.is_some() {
                         continue;
                     }
-                    let patch = patch.get_or_insert_with(|| self.correspondence_of_patch(simd, x, y));
+                    // Not by a closure: the closure would be compiled without the kernel's vector instructions.
+                    if patch.is_none() {
+                        *patch = Some(self.correspondence_of_patch(simd, x, y));
+                    }
+                    let Some(patch) = patch else { continue };
                     for r in clip.rows.clone() {
                         if !is_even {
                             let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);

@@ -341,7 +341,7 @@ impl Tile<'_> {
             & y.simd_lt(self.height as f32 + rim);
         // Samples outside go to the first place with depth 0, which changes nothing.
         let nothing = f32x16::splat(simd, 0.0);
-        let [x, y] = [x, y].map(|v| is_in.select(v, nothing - rim));
+        let (x, y) = (is_in.select(x, nothing - rim), is_in.select(y, nothing - rim));
         let (places, depths) =
             (place(simd, [x, y]).to_array(), is_in.select(seen.inverse_depth, nothing).to_array());
         // The length is known to the compiler, so no index needs a check.

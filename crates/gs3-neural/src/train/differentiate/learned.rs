@@ -62,23 +62,25 @@ impl Adjoint<'_> {
     fn normal<'a, S: Simd>(
         &self,
         simd: S,
-        Moments { mean, scale }: Moments,
+        moments: Moments,
         pixel: impl Fn(usize) -> &'a Block,
         place: impl Fn(usize) -> usize,
         row: &mut [Block],
         [v_weight, v_bias]: [&mut [Block]; 2],
     ) {
         let channels = self.v.shape.channels;
-        let normal = |b: usize| (load(simd, pixel(b)) - mean) * scale;
-        let weighed =
-            |row: &[Block], b: usize| load(simd, &row[place(b)]) * load(simd, &self.learned.weight[b]);
-        let mean = sum(simd, channels, |b| weighed(row, b)) / channels as f32;
-        let along = sum(simd, channels, |b| weighed(row, b) * normal(b)) / channels as f32;
-        for b in 0..self.learned.weight.len() {
-            let (v, x) = (load(simd, &row[place(b)]), normal(b));
+        let weight = &self.learned.weight[..];
+        let mean =
+            sum(simd, channels, |b| load(simd, &row[place(b)]) * load(simd, &weight[b])) / channels as f32;
+        let along = sum(simd, channels, |b| {
+            load(simd, &row[place(b)]) * load(simd, &weight[b]) * moments.normal(simd, pixel(b))
+        }) / channels as f32;
+        for b in 0..weight.len() {
+            let (v, x) = (load(simd, &row[place(b)]), moments.normal(simd, pixel(b)));
+            let weighed = v * load(simd, &weight[b]);
             v_weight[b].0 = v.mul_add(x, load(simd, &v_weight[b])).to_array();
             v_bias[b].0 = (v + load(simd, &v_bias[b])).to_array();
-            row[place(b)].0 = ((weighed(row, b) - mean - x * along) * scale).to_array();
+            row[place(b)].0 = ((weighed - mean - x * along) * moments.scale).to_array();
         }
     }
 

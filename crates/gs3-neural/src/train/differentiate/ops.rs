@@ -26,13 +26,18 @@ impl Write {
     #[inline(always)]
     pub fn each<S: Simd>(self, simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
         for (x, out) in out.iter_mut().enumerate() {
-            let v = f(x);
-            let before = match self {
-                Self::Set => f32x16::splat(simd, 0.0),
-                Self::Add => load(simd, out),
-            };
-            out.0 = (before + v).to_array();
+            self.pixel(simd, out, f(x));
         }
+    }
+
+    /// Writes a block of a pixel.
+    #[inline(always)]
+    fn pixel<S: Simd>(self, simd: S, out: &mut Block, v: f32x16<S>) {
+        let before = match self {
+            Self::Set => f32x16::splat(simd, 0.0),
+            Self::Add => load(simd, out),
+        };
+        out.0 = (before + v).to_array();
     }
 
     /// Writes a number.
@@ -90,9 +95,11 @@ impl Adjoint<'_> {
         match *self.op {
             Op::Activate(activation) => {
                 let (v, x, result) = (self.v(y, b), self.value(0, y, b), self.result(y, b));
-                let slope =
-                    |k: usize| derivative(simd, activation, load(simd, &x[k]), load(simd, &result[k]));
-                write.each(simd, out, |k| load(simd, &v[k]) * slope(k));
+                // Not by a closure: one as long as this is not inlined where vectors are enabled.
+                for (k, out) in out.iter_mut().enumerate() {
+                    let slope = derivative(simd, activation, load(simd, &x[k]), load(simd, &result[k]));
+                    write.pixel(simd, out, load(simd, &v[k]) * slope);
+                }
             }
             Op::Add | Op::Shift { .. } => {
                 let v = self.v(y, b);
