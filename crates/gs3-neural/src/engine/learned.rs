@@ -122,7 +122,7 @@ impl Moments {
 }
 
 /// The sum of the first `channels` of the lanes of all blocks; lanes beyond them may hold anything. `block` is called at one
-/// place here, or it would not be inlined where vectors are enabled.
+/// place here, or might not be inlined where vectors are enabled.
 #[inline(always)]
 pub fn sum<S: Simd>(simd: S, channels: usize, block: impl Fn(usize) -> f32x16<S>) -> f32 {
     let (mut sums, mut rest) = (f32x16::splat(simd, 0.0), 0.0);

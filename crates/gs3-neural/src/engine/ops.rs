@@ -57,10 +57,10 @@ impl<'a> Row<'a> {
             let out = &mut out[self.layout.halo..][..self.layout.shape.width];
             match op {
                 Op::Activate(activation) => {
-                    // Not by a closure: one as long as this is not inlined where vectors are enabled.
-                    let first = self.first(b);
+                    // Not by a closure: one as long as this might not be inlined where vectors are enabled.
+                    let input = self.first_input(b);
                     for (k, out) in out.iter_mut().enumerate() {
-                        let x = load(simd, first.map_or(&*out, |line| &line[k]));
+                        let x = load(simd, input.map_or(&*out, |line| &line[k]));
                         out.0 = activate(simd, *activation, x).to_array();
                     }
                 }
@@ -108,11 +108,11 @@ impl<'a> Row<'a> {
 
     /// This row of the first input, block `b`; none if the result's place holds the input.
     #[inline(always)]
-    fn first(&self, b: usize) -> Option<&'a [Block]> {
+    fn first_input(&self, b: usize) -> Option<&'a [Block]> {
         if self.is_update { None } else { Some(self.lines([0], b)[0]) }
     }
 
-    /// Writes `f` of each pixel of the first input and its place. It is called at one place here, or it would not be inlined
+    /// Writes `f` of each pixel of the first input and its place. `f` is called at one place here, or `f` might not be inlined
     /// where vectors are enabled.
     #[inline(always)]
     fn each_of_first<S: Simd>(
@@ -122,9 +122,9 @@ impl<'a> Row<'a> {
         out: &mut [Block],
         f: impl Fn(f32x16<S>, usize) -> f32x16<S>,
     ) {
-        let first = self.first(b);
+        let input = self.first_input(b);
         for (k, out) in out.iter_mut().enumerate() {
-            let from = first.map_or(&*out, |line| &line[k]);
+            let from = input.map_or(&*out, |line| &line[k]);
             out.0 = f(load(simd, from), k).to_array();
         }
     }

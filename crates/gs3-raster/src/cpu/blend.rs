@@ -192,10 +192,10 @@ pub fn blend_splats<S: Simd, const OUTPUTS: usize>(
         cover.fill(s, of_tile.splats, visited, samples, origin, open);
         // Block by block, so that the state stays in registers during the run.
         for b in 0..BLOCKS {
-            if !cover.reaches(b) {
+            let touching = cover.of_block(b);
+            if touching.len() == 0 {
                 continue;
             }
-            let touching = cover.of_block(b);
             let mut state = State::load(s, &blocks[b]);
             let finished = state.blend_run::<OUTPUTS>(s, rules, samples.of_block(s, b), touching, of_tile);
             state.store::<OUTPUTS>(&mut blocks[b]);

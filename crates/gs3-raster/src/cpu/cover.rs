@@ -12,8 +12,8 @@ pub const BLOCKS_X: usize = TILE_WIDTH / BLOCK;
 pub const BLOCKS_Y: usize = TILE_HEIGHT / BLOCK;
 pub const BLOCKS: usize = BLOCKS_X * BLOCKS_Y;
 
-/// Splats processed at a time. The lists stay in the second-level cache. A block's state is loaded and stored once
-/// for the dozens of splats of a run that touch it.
+/// Splats processed at a time: as many as a byte can name. The lists stay in the first-level cache. A block's state is loaded
+/// and stored once for the dozens of splats of a run that touch it.
 pub const RUN: usize = 256;
 
 /// The samples of a tile: 8×4 blocks of 4×4, row by row.
@@ -72,12 +72,12 @@ pub struct Cover {
     /// The splats.
     run: [u32; RUN],
     extents: Extents,
-    /// Places in the run: a byte each, so that the lists stay in the first cache. Eight spare entries, as entries are stored eight
-    /// at a time.
-    lists: [[u8; RUN + 8]; BLOCKS],
+    /// Places in the run. Eight entries are stored at a time; a list is never longer than the part of the run before them.
+    lists: [[u8; RUN]; BLOCKS],
     counts: [usize; BLOCKS],
 }
 
+// A byte is a place, and every byte is one.
 const _: () = assert!(RUN == 1 << u8::BITS);
 
 impl Default for Cover {
@@ -95,22 +95,16 @@ impl Default for Cover {
                 dy_at_max_dx: zeros,
                 rect: [zeros; 4],
             },
-            lists: [[0; RUN + 8]; BLOCKS],
+            lists: [[0; RUN]; BLOCKS],
             counts: [0; BLOCKS],
         }
     }
 }
 
 impl Cover {
-    /// Whether a splat of the run touches `block`.
-    #[inline(always)]
-    pub fn reaches(&self, block: usize) -> bool {
-        self.counts[block] > 0
-    }
-
     /// The splats of the run that touch `block`, front to back.
     #[inline(always)]
-    pub fn of_block(&self, block: usize) -> impl Iterator<Item = u32> {
+    pub fn of_block(&self, block: usize) -> impl ExactSizeIterator<Item = u32> {
         let places = &self.lists[block][..self.counts[block]];
         places.iter().map(|place| self.run[usize::from(*place)])
     }
@@ -158,8 +152,8 @@ impl Cover {
             // Rows of samples in the rectangle.
             let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
             let bottom = (load(s, &e.rect[3], start) * per_pixel + SNAP).floor();
-            // Of both halves of the sixteen splats, the first place, in each byte.
-            let places = [start as u64, start as u64 + 8].map(|first| first * 0x0101_0101_0101_0101);
+            // The first place of each half of the sixteen splats, in every byte.
+            let places = [start as u64, start as u64 + 8].map(|place| place * 0x0101_0101_0101_0101);
             for row in 0..BLOCKS_Y {
                 let first_row = (row * BLOCK) as f32;
                 let row_open = open >> (row * BLOCKS_X) & ((1 << BLOCKS_X) - 1);
@@ -193,9 +187,9 @@ impl Cover {
                     let touches = touches.to_bitmask();
                     let list = &mut self.lists[block];
                     let mut end = self.counts[block];
-                    for (half, first) in places.into_iter().enumerate() {
-                        let bits = touches as usize >> (8 * half) & 255;
-                        list[end..end + 8].copy_from_slice(&(BITS[bits] + first).to_le_bytes());
+                    for (k, place) in places.into_iter().enumerate() {
+                        let bits = touches as usize >> (8 * k) & 255;
+                        list[end..end + 8].copy_from_slice(&(BITS[bits] + place).to_le_bytes());
                         end += bits.count_ones() as usize;
                     }
                     self.counts[block] = end;
@@ -205,8 +199,8 @@ impl Cover {
     }
 }
 
-/// For each byte, the numbers of its bits that are set, one byte each, from the lowest byte on. On AVX2 a look-up for eight lanes is
-/// faster than compressing a vector, which AVX2 has no instruction for.
+/// For each byte, the numbers of its bits that are set, one byte each, from the lowest byte on. A look-up for eight lanes
+/// is faster than compressing a vector where there is no instruction for that, as on AVX2. With AVX-512 both take as long.
 static BITS: [u64; 256] = {
     let mut all = [0; 256];
     let mut byte = 0;
@@ -246,4 +240,88 @@ impl Extents {
 #[inline(always)]
 fn load<S: Simd>(s: S, values: &[f32; RUN], start: usize) -> f32x16<S> {
     f32x16::from_slice(s, &values[start..start + 16])
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::dispatch;
+
+    use super::super::splat::PixelRect;
+    use super::*;
+
+    /// A round splat of a radius in pixels.
+    fn splat(mean: [f32; 2], radius: f32) -> Splat {
+        let l11 = 1.0 / radius;
+        let [x, y] = mean;
+        let rect =
+            [x - radius, y - radius, x + radius + 1.0, y + radius + 1.0].map(|v| v.ceil().max(0.0) as u16);
+        let [x0, y0, x1, y1] = rect;
+        let rect = PixelRect { x0, y0, x1, y1 };
+        Splat { mean, l11, l22: l11, inv_l11: radius, support: 1.0, rect, opacity: 1.0, ..Splat::default() }
+    }
+
+    fn filled(cover: &mut Cover, splats: &[Splat], visited: &[u32], samples: &TileSamples, open: u32) {
+        dispatch!(gs3_simd::level(), s => cover.fill(s, splats, visited, samples, [0.0; 2], open));
+    }
+
+    #[test]
+    fn numbers_of_bits_are_those_that_are_set() {
+        for (byte, numbers) in BITS.iter().enumerate() {
+            let expected: Vec<u8> = (0..8).filter(|bit| byte >> bit & 1 == 1).collect();
+            assert_eq!(numbers.to_le_bytes()[..expected.len()], expected, "{byte:#b}");
+        }
+    }
+
+    #[test]
+    fn splats_over_a_whole_tile_are_in_every_list_in_the_order_visited() {
+        let splats = vec![splat([16.0, 8.0], 100.0); 300];
+        let samples = TileSamples { pitch: 1.0, corner: [0.0; 2] };
+        let mut cover = Cover::default();
+        // After a full run, shorter ones find its numbers in the last sixteen places.
+        for count in [RUN, 1, 7, 8, 9, 15, 16, 17, 255] {
+            let visited: Vec<u32> = (0..count as u32).map(|k| (k * 7 + 3) % 300).collect();
+            filled(&mut cover, &splats, &visited, &samples, 0x00ff_00f1);
+            for b in 0..BLOCKS {
+                let expected = if 0x00ff_00f1_u32 >> b & 1 == 1 { &visited[..] } else { &[] };
+                assert!(cover.of_block(b).eq(expected.iter().copied()), "{count} splats, block {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_splat_is_listed_where_it_has_a_sample_and_not_where_all_are_a_sample_away() {
+        let mut random = 1_u64;
+        let mut next = |most: f32| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 40) as f32 / (1_u64 << 24) as f32 * most
+        };
+        for pitch in [1.0, 4.0] {
+            let corner = [64.0, 32.0];
+            let splats: Vec<Splat> = (0..RUN)
+                .map(|_| {
+                    splat([64.0 + next(31.0 * pitch), 32.0 + next(15.0 * pitch)], 0.3 + next(3.0 * pitch))
+                })
+                .collect();
+            let visited: Vec<u32> = (0..RUN as u32).rev().collect();
+            let mut cover = Cover::default();
+            filled(&mut cover, &splats, &visited, &TileSamples { pitch, corner }, u32::MAX);
+            for b in 0..BLOCKS {
+                let listed: Vec<u32> = cover.of_block(b).collect();
+                assert!(listed.is_sorted_by(|a, b| a > b), "the order visited, each once");
+                for (k, splat) in splats.iter().enumerate() {
+                    let [column, row] = block_first(b);
+                    // The distance of the block's nearest sample.
+                    let nearest = (0..BLOCK * BLOCK).map(|i| {
+                        let x = corner[0] + (column + i % BLOCK) as f32 * pitch;
+                        let y = corner[1] + (row + i / BLOCK) as f32 * pitch;
+                        (splat.mean[0] - x).hypot(splat.mean[1] - y)
+                    });
+                    let nearest = nearest.fold(f32::INFINITY, f32::min);
+                    let is_listed = listed.contains(&(k as u32));
+                    assert!(is_listed || nearest > splat.inv_l11, "splat {k} of block {b}, pitch {pitch}");
+                    assert!(!is_listed || nearest < splat.inv_l11 + pitch, "splat {k} of block {b}");
+                }
+            }
+        }
+    }
 }

@@ -220,10 +220,10 @@ impl Scratch {
         for visited in order.sorted().chunks(RUN) {
             cover.fill(s, splats, visited, &samples, [0.0; 2], open);
             for b in 0..BLOCKS {
-                if !cover.reaches(b) {
+                let touching = cover.of_block(b);
+                if touching.len() == 0 {
                     continue;
                 }
-                let touching = cover.of_block(b);
                 let sample = samples.of_block(s, b);
                 if pixels[b].measure(s, rules, sample, touching, splats, shares) {
                     open &= !(1 << b);

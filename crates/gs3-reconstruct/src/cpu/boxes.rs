@@ -108,12 +108,11 @@ impl Boxes {
                 // A chunk partly behind the camera may be anywhere. A chunk wholly behind it, or no chunk, is
                 // nowhere.
                 let is_none = is_behind | !is_chunk;
-                let [low, high] = [0.5 + SLACK, 0.5 - SLACK];
                 let (least, most) = (splat(f32::NEG_INFINITY), splat(f32::INFINITY));
-                let left = is_none.select(most, is_ahead.select(left - low, least));
-                let right = is_none.select(least, is_ahead.select(right - high, most));
-                let top = is_none.select(most, is_ahead.select(top - low, least));
-                let bottom = is_none.select(least, is_ahead.select(bottom - high, most));
+                let left = is_none.select(most, is_ahead.select(left - (0.5 + SLACK), least));
+                let right = is_none.select(least, is_ahead.select(right - (0.5 - SLACK), most));
+                let top = is_none.select(most, is_ahead.select(top - (0.5 + SLACK), least));
+                let bottom = is_none.select(least, is_ahead.select(bottom - (0.5 - SLACK), most));
                 let at = row * self.stride + run * LANES..row * self.stride + (run + 1) * LANES;
                 left.store_slice(&mut self.left[at.clone()]);
                 right.store_slice(&mut self.right[at.clone()]);
@@ -154,10 +153,9 @@ impl Boxes {
         let offsets = displacement.offsets(simd);
         let [u, v, q] = reprojection.apply_moved_16(simd, places.x, places.y, w, offsets);
         let is_there = places.is_sample & q.simd_gt(MIN_DIVISOR);
-        let (nowhere_low, nowhere_high) =
-            (f32x16::splat(simd, f32::INFINITY), f32x16::splat(simd, f32::NEG_INFINITY));
-        let (left, right) = (is_there.select(u, nowhere_low), is_there.select(u, nowhere_high));
-        let (top, bottom) = (is_there.select(v, nowhere_low), is_there.select(v, nowhere_high));
+        let (least, most) = (f32x16::splat(simd, f32::NEG_INFINITY), f32x16::splat(simd, f32::INFINITY));
+        let (left, right) = (is_there.select(u, most), is_there.select(u, least));
+        let (top, bottom) = (is_there.select(v, most), is_there.select(v, least));
         let k = row * self.stride + chunk;
         self.left[k] = self.left[k].min(left.reduce_min() - (0.5 + SLACK));
         self.right[k] = self.right[k].max(right.reduce_max() - (0.5 - SLACK));

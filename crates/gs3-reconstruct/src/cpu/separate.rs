@@ -45,10 +45,10 @@ impl<const N: usize> Warp<'_, N> {
                         continue;
                     }
                     // Not by a closure: the closure would be compiled without the kernel's vector instructions.
-                    if patch.is_none() {
-                        *patch = Some(self.correspondence_of_patch(simd, x, y));
-                    }
-                    let Some(patch) = patch else { continue };
+                    let patch = match patch {
+                        Some(patch) => patch,
+                        None => patch.insert(self.correspondence_of_patch(simd, x, y)),
+                    };
                     for r in clip.rows.clone() {
                         if !is_even {
                             let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);

@@ -22,7 +22,7 @@ pub enum Write {
 }
 
 impl Write {
-    /// Writes `f` of each place. It is called at one place here, or it would not be inlined where vectors are enabled.
+    /// Writes `f` of each place. `f` is called at one place here, or `f` might not be inlined where vectors are enabled.
     #[inline(always)]
     pub fn each<S: Simd>(self, simd: S, out: &mut [Block], f: impl Fn(usize) -> f32x16<S>) {
         for (x, out) in out.iter_mut().enumerate() {
@@ -95,7 +95,7 @@ impl Adjoint<'_> {
         match *self.op {
             Op::Activate(activation) => {
                 let (v, x, result) = (self.v(y, b), self.value(0, y, b), self.result(y, b));
-                // Not by a closure: one as long as this is not inlined where vectors are enabled.
+                // Not by a closure: one as long as this might not be inlined where vectors are enabled.
                 for (k, out) in out.iter_mut().enumerate() {
                     let slope = derivative(simd, activation, load(simd, &x[k]), load(simd, &result[k]));
                     write.pixel(simd, out, load(simd, &v[k]) * slope);
