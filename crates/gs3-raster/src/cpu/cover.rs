@@ -244,7 +244,7 @@ fn load<S: Simd>(s: S, values: &[f32; RUN], start: usize) -> f32x16<S> {
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::dispatch;
+    use fearless_simd::{Level, dispatch};
 
     use super::super::splat::PixelRect;
     use super::*;
@@ -260,8 +260,15 @@ mod tests {
         Splat { mean, l11, l22: l11, inv_l11: radius, support: 1.0, rect, opacity: 1.0, ..Splat::default() }
     }
 
-    fn filled(cover: &mut Cover, splats: &[Splat], visited: &[u32], samples: &TileSamples, open: u32) {
-        dispatch!(gs3_simd::level(), s => cover.fill(s, splats, visited, samples, [0.0; 2], open));
+    fn fill(
+        level: Level,
+        cover: &mut Cover,
+        splats: &[Splat],
+        visited: &[u32],
+        samples: &TileSamples,
+        open: u32,
+    ) {
+        dispatch!(level, s => cover.fill(s, splats, visited, samples, [0.0; 2], open));
     }
 
     #[test]
@@ -278,12 +285,13 @@ mod tests {
         let samples = TileSamples { pitch: 1.0, corner: [0.0; 2] };
         let mut cover = Cover::default();
         // After a full run, shorter ones find its numbers in the last sixteen places.
-        for count in [RUN, 1, 7, 8, 9, 15, 16, 17, 255] {
+        let counts = [RUN, 1, 7, 8, 9, 15, 16, 17, 255];
+        for ((name, level), count) in gs3_simd::levels().into_iter().flat_map(|of| counts.map(|n| (of, n))) {
             let visited: Vec<u32> = (0..count as u32).map(|k| (k * 7 + 3) % 300).collect();
-            filled(&mut cover, &splats, &visited, &samples, 0x00ff_00f1);
+            fill(level, &mut cover, &splats, &visited, &samples, 0x00ff_00f1);
             for b in 0..BLOCKS {
                 let expected = if 0x00ff_00f1_u32 >> b & 1 == 1 { &visited[..] } else { &[] };
-                assert!(cover.of_block(b).eq(expected.iter().copied()), "{count} splats, block {b}");
+                assert!(cover.of_block(b).eq(expected.iter().copied()), "{name}, {count} splats, block {b}");
             }
         }
     }
@@ -295,7 +303,8 @@ mod tests {
             random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (random >> 40) as f32 / (1_u64 << 24) as f32 * most
         };
-        for pitch in [1.0, 4.0] {
+        let levels = gs3_simd::levels();
+        for (pitch, (name, level)) in levels.into_iter().flat_map(|of| [(1.0, of), (4.0, of)]) {
             let corner = [64.0, 32.0];
             let splats: Vec<Splat> = (0..RUN)
                 .map(|_| {
@@ -304,7 +313,7 @@ mod tests {
                 .collect();
             let visited: Vec<u32> = (0..RUN as u32).rev().collect();
             let mut cover = Cover::default();
-            filled(&mut cover, &splats, &visited, &TileSamples { pitch, corner }, u32::MAX);
+            fill(level, &mut cover, &splats, &visited, &TileSamples { pitch, corner }, u32::MAX);
             for b in 0..BLOCKS {
                 let listed: Vec<u32> = cover.of_block(b).collect();
                 assert!(listed.is_sorted_by(|a, b| a > b), "the order visited, each once");
@@ -318,8 +327,14 @@ mod tests {
                     });
                     let nearest = nearest.fold(f32::INFINITY, f32::min);
                     let is_listed = listed.contains(&(k as u32));
-                    assert!(is_listed || nearest > splat.inv_l11, "splat {k} of block {b}, pitch {pitch}");
-                    assert!(!is_listed || nearest < splat.inv_l11 + pitch, "splat {k} of block {b}");
+                    assert!(
+                        is_listed || nearest > splat.inv_l11,
+                        "{name}: splat {k} of block {b}, pitch {pitch}"
+                    );
+                    assert!(
+                        !is_listed || nearest < splat.inv_l11 + pitch,
+                        "{name}: splat {k} of block {b}, pitch {pitch}"
+                    );
                 }
             }
         }
