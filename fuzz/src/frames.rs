@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use gs3::glam::{DAffine3, DMat3, DVec3};
 use gs3::neural::Weights;
 use gs3::scene::{Camera, Gaussians, Intrinsics, OpacityMode, Scene};
-use gs3::{FramePipeline, Mode, Networks, PipelineSettings};
+use gs3::{FramePipeline, Mode, Networks, PipelineSettings, Scale};
 
 use crate::entry::{Entry, check_message};
 
@@ -46,7 +46,7 @@ pub fn frames(data: &[u8]) {
     let mode = [Mode::Native, Mode::Bicubic, Mode::SuperSample, Mode::Full][usize::from(header[1]) % 4];
     let settings = PipelineSettings {
         mode,
-        scale: u32::from(header[2]) % 5,
+        scale: Scale::Fixed(u32::from(header[2]) % 5),
         in_between: u32::from(header[3]) % 4,
         ..PipelineSettings::default()
     };
@@ -63,12 +63,10 @@ pub fn weights(data: &[u8]) {
         Ok(weights) => weights,
         Err(error) => return check_message(&error.to_string()),
     };
-    let scale = weights.header.scale;
     if let Err(error) = networks.add(weights) {
         return check_message(&error.to_string());
     }
-    let settings = PipelineSettings { scale, ..PipelineSettings::default() };
-    match FramePipeline::with_networks(still_life(), settings, &networks) {
+    match FramePipeline::with_networks(still_life(), PipelineSettings::default(), &networks) {
         Ok(mut pipeline) => {
             let looks = [0.0, 0.02].map(|x| {
                 let pose = DAffine3::from_translation(DVec3::new(x, 0.0, 4.0));

@@ -28,7 +28,8 @@ pub fn markdown(report: &Value) -> String {
             let [scene, gaussians] = [&run["scene"], &run["gaussians"]].map(plain);
             let cells = STAGES.map(|stage| cell(&run[frame]["stages"], stage)).join(" | ");
             let fps = run[frame]["fps"].as_f64().unwrap_or(f64::NAN);
-            let size = format!("{}×{}", run["size"][0], run["size"][1]);
+            let scale = run["scale"].as_u64().map_or_else(String::new, |scale| format!(", ×{scale}"));
+            let size = format!("{}×{}{scale}", run["size"][0], run["size"][1]);
             let networks = networks(run);
             let _ =
                 writeln!(text, "| {scene} | {gaussians} | {size} | {frame}{networks} | {cells} | {fps:.1} |");
@@ -107,7 +108,7 @@ mod tests {
             "seconds": 12,
             "runs": [
                 {
-                    "scene": "scenes/garden", "gaussians": 3000, "size": [640, 360],
+                    "scene": "scenes/garden", "gaussians": 3000, "size": [640, 360], "scale": 6,
                     "native": side(10.0), "lr_gbuffer": side(99.96),
                     "full": { "fps": 500.0, "stages": [
                         stage("super_sample.splat", 0.5), stage("super_sample.tile", 0.25),
@@ -124,7 +125,7 @@ mod tests {
             ],
         });
         let text = markdown(&report);
-        let native = "| scenes/garden | 3000 | 640×360 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | – | – | \
+        let native = "| scenes/garden | 3000 | 640×360, ×6 | native | 0.500 / 1.000 | – | – | 1.250 / 2.500 | – | – | – | – | \
                       1.750 / 3.500 | 10.0 |\n";
         for expected in [
             "Measured in 12 s on adapter 0.",

@@ -17,7 +17,7 @@ export interface ViewerOptions {
   quality?: "fast" | "balanced" | "high";
   /** Displayed frames a second to aim at, 1 to 1000; 30. */
   fps?: number;
-  /** High-resolution over low-resolution size; 4. */
+  /** High-resolution over low-resolution size, 1 to 8. Missing: 4 up to 2560×1440 pixels, 6 above. */
   scale?: number;
   /** The machine that renders; "auto", the default, is a GPU that the browser offers, if it is none in software. */
   backend?: "auto" | "gpu" | "cpu";

@@ -106,7 +106,7 @@ pub fn show_difference(a: &Image, b: &Image, gain: f32, picture: &mut Framebuffe
 /// `view` of the last frame of `pipeline` into `picture`, which has the frame's size. Black where the machine that made the
 /// frame does not know.
 pub fn show_view(view: View, pipeline: &FramePipeline, picture: &mut Framebuffer) {
-    let scale = pipeline.settings().scale as usize;
+    let scale = pipeline.scale() as usize;
     let gbuffer = pipeline.gbuffer();
     match view {
         View::Picture => show_image(pipeline.last_image(), 0..picture.size[0], picture),

@@ -374,7 +374,8 @@ typedef struct gs3_renderer_desc {
     uint32_t struct_size;
     // A gs3_mode.
     uint32_t mode;
-    // Width and height of what is shown over those of what is rasterized, 1 to 8; 0 for 4. Native frames do not read it.
+    // Width and height of what is shown over those of what is rasterized, 1 to 8; 0 for 4 up to 2560 * 1440 pixels and with
+    // networks, and 6 above. Native frames do not read it.
     uint32_t scale;
     // A gs3_backend. gs3_renderer_configure does not read it.
     uint32_t backend;
@@ -479,7 +480,7 @@ typedef struct gs3_renderer_info {
     uint32_t backend;
     // In-between frames that come before each frame.
     uint32_t in_between_count;
-    // Frames after which a resting camera has been sampled everywhere.
+    // Frames after which a resting camera has been sampled everywhere, for frames of the size of the last one.
     uint32_t jitter_count;
     // Threads of the renderer.
     uint32_t threads;

@@ -106,7 +106,8 @@ pub struct gs3_renderer_desc {
     pub struct_size: u32,
     /// A gs3_mode.
     pub mode: u32,
-    /// Width and height of what is shown over those of what is rasterized, 1 to 8; 0 for 4. Native frames do not read it.
+    /// Width and height of what is shown over those of what is rasterized, 1 to 8; 0 for 4 up to 2560 * 1440 pixels and with
+    /// networks, and 6 above. Native frames do not read it.
     pub scale: u32,
     /// A gs3_backend. gs3_renderer_configure does not read it.
     pub backend: u32,
@@ -369,7 +370,7 @@ pub struct gs3_renderer_info {
     pub backend: u32,
     /// In-between frames that come before each frame.
     pub in_between_count: u32,
-    /// Frames after which a resting camera has been sampled everywhere.
+    /// Frames after which a resting camera has been sampled everywhere, for frames of the size of the last one.
     pub jitter_count: u32,
     /// Threads of the renderer.
     pub threads: u32,

@@ -8,7 +8,7 @@ use std::{env, fs};
 
 use gs3::scene::{Camera, Gaussians, Image, OpacityMode, Scene, format, gaussians, orbit};
 use gs3::{
-    Backend, Dilation, Kriging, Mode, Networks, PipelineSettings, Quality, Refine, Sampling, Session,
+    Backend, Dilation, Kriging, Mode, Networks, PipelineSettings, Quality, Refine, Sampling, Scale, Session,
     SessionSettings, Tier,
 };
 
@@ -187,7 +187,7 @@ fn frames_in_c_are_those_of_the_library() {
 
     let settings = PipelineSettings {
         mode: Mode::Full,
-        scale: 2,
+        scale: Scale::Fixed(2),
         in_between: 2,
         background: [0.1, 0.2, 0.3],
         ..PipelineSettings::default()
@@ -200,13 +200,19 @@ fn frames_in_c_are_those_of_the_library() {
             assert_same(&made, &format!("between_{frame}_{k}.rgb"), &floats(between, 3));
         }
     }
-    let plain = PipelineSettings { mode: Mode::SuperSample, scale: 2, ..PipelineSettings::default() };
+    let plain =
+        PipelineSettings { mode: Mode::SuperSample, scale: Scale::Fixed(2), ..PipelineSettings::default() };
     let of_c = [
-        PipelineSettings { scale: 4, refine: Refine::Off, ..plain },
+        PipelineSettings { scale: Scale::Fixed(4), refine: Refine::Off, ..plain },
         PipelineSettings { kriging: Kriging::On, quality: Quality::High, overscan: true, ..plain },
         PipelineSettings { refine: Refine::Share(0.2), sampling: Sampling::Centered, ..plain },
         PipelineSettings { mode: Mode::Bicubic, dilation: Dilation::Kerbl, ..plain },
-        PipelineSettings { scale: 3, dilation: Dilation::Value(0.05), kriging: Kriging::Fine, ..plain },
+        PipelineSettings {
+            scale: Scale::Fixed(3),
+            dilation: Dilation::Value(0.05),
+            kriging: Kriging::Fine,
+            ..plain
+        },
     ];
     for (k, settings) in of_c.into_iter().enumerate() {
         let mut session = session(scene, settings);

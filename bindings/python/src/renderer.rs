@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use gs3::reconstruct::ResetReason;
 use gs3::scene::Camera;
 use gs3::{
-    Backend, Kriging, Mode, Networks, PipelineSettings, Quality, Refine, Session, SessionSettings, Stage,
-    Tier,
+    Backend, Kriging, Mode, Networks, PipelineSettings, Quality, Refine, Scale, Session, SessionSettings,
+    Stage, Tier,
 };
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
@@ -75,7 +75,7 @@ impl Renderer {
         py: Python<'_>,
         scene: &Scene,
         mode: &str,
-        scale: u32,
+        scale: &str,
         quality: &str,
         refine: &str,
         in_between: u32,
@@ -89,6 +89,7 @@ impl Renderer {
     ) -> PyResult<Self> {
         let modes = [Mode::Native, Mode::Bicubic, Mode::SuperSample, Mode::Full];
         let krigings = [Kriging::Off, Kriging::Coarse, Kriging::On, Kriging::Fine];
+        let scale: Scale = scale.parse().map_err(|e| error::input(format_args!("scale: {e}")))?;
         let pipeline = PipelineSettings {
             mode: named("mode", mode, &modes, Mode::name)?,
             scale,
@@ -105,7 +106,8 @@ impl Renderer {
             None => Networks::default(),
             Some(tier) => {
                 let tier = named("tier", tier, &TIERS, Tier::name)?;
-                let shipped = Networks::shipped(scale, tier).map_err(|e| error::of_network(&e))?;
+                let shipped =
+                    Networks::shipped(scale.of_networks(), tier).map_err(|e| error::of_network(&e))?;
                 let interpolate = if learned_interpolation { shipped.interpolate } else { None };
                 Networks { interpolate, ..shipped }
             }

@@ -174,7 +174,7 @@ def test_an_interrupt_ends_a_path_between_frames(scene, path):
     "settings, message",
     [
         ({"mode": "fast"}, "mode: expected one of native, bicubic, super-sample, full, found 'fast'|found \"fast\""),
-        ({"scale": 9}, "scale: expected 1 to 8, found 9"),
+        ({"scale": 9}, "scale: expected auto or 1 to 8, found 9"),
         ({"refine": 1.5}, "refine: expected off, auto, a share"),
         ({"frames_between": 4}, "in-between frames: expected 1 to 3"),
         ({"tier": "best"}, "tier: expected one of fast, balanced, high"),

@@ -50,6 +50,7 @@ pub struct FrameStart {
 #[derive(Clone, Debug)]
 pub struct FrameSequence {
     scale: u32,
+    sampling: Sampling,
     widest_margin: u32,
     jitter: AdaptiveJitter,
     /// The last frame.
@@ -64,7 +65,15 @@ impl FrameSequence {
     #[must_use]
     pub fn new(scale: u32, sampling: Sampling, widest_margin: u32) -> Self {
         let jitter = AdaptiveJitter::new(scale, sampling);
-        Self { scale, widest_margin, jitter, last: None, next_reset: Some(ResetReason::FirstFrame) }
+        Self { scale, sampling, widest_margin, jitter, last: None, next_reset: Some(ResetReason::FirstFrame) }
+    }
+
+    /// Changes the scale, HR over LR size. The next frame has no history if the scale is another one.
+    pub fn set_scale(&mut self, scale: u32) {
+        if scale != self.scale {
+            (self.scale, self.jitter) = (scale, AdaptiveJitter::new(scale, self.sampling));
+            self.reset(ResetReason::SizeOrTierChange);
+        }
     }
 
     /// How to render the frame of `camera`.

@@ -10,7 +10,7 @@
 //!
 //! let scene = demo::scene()?; // or gs3::open("garden.ply")?
 //! let path = demo::path().resized(320, 180)?; // or gs3::scene::capture::load("cameras.json")?
-//! let settings = PipelineSettings { mode: Mode::Full, scale: 4, ..Default::default() };
+//! let settings = PipelineSettings { mode: Mode::Full, ..Default::default() };
 //! let mut pipeline = FramePipeline::new(scene, settings)?;
 //! for camera in &path.cameras()[..2] {
 //!     let frames = pipeline.render(camera)?; // 80×45 pixels rasterized, 320×180 shown
@@ -121,6 +121,7 @@ mod machine;
 mod now;
 mod rasterizer;
 mod refine;
+mod scale;
 mod session;
 mod settings;
 mod stages;
@@ -148,6 +149,7 @@ pub use gs3_simd as simd;
 pub use learned::Networks;
 pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
+pub use scale::{Scale, ScaleError};
 pub use session::{Session, SessionSettings};
 pub use settings::{Dilation, KEYFRAMES, MAX_IN_BETWEEN, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};

@@ -7,6 +7,7 @@ use gs3_reconstruct::{Kriging, Sampling};
 use gs3_scene::{Camera, CameraPath};
 
 use crate::refine::{Quality, Refine};
+use crate::scale::Scale;
 
 /// How frames are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,9 +86,8 @@ impl fmt::Display for Dilation {
 pub struct PipelineSettings {
     /// How frames are made.
     pub mode: Mode,
-    /// Scale: high-resolution over low-resolution size, 1 to [`gs3_reconstruct::MAX_SCALE`]. Not read by
-    /// [`Mode::Native`].
-    pub scale: u32,
+    /// High-resolution over low-resolution size. Not read by [`Mode::Native`].
+    pub scale: Scale,
     /// Where LR frames are sampled. Not read by [`Mode::Native`].
     pub sampling: Sampling,
     /// Which pixels are kriged, among the pixels that first-order predictions leave uncertain. Frames that a network
@@ -126,7 +126,7 @@ impl Default for PipelineSettings {
     fn default() -> Self {
         Self {
             mode: Mode::default(),
-            scale: 4,
+            scale: Scale::default(),
             sampling: Sampling::default(),
             kriging: Kriging::default(),
             overscan: false,

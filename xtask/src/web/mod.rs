@@ -93,12 +93,12 @@ fn build(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
 fn module(out: &Path, has_threads: bool) -> Result<(), XtaskError> {
     let toolchain = Toolchain::find(has_threads)?;
     eprintln!("{TARGET}: {toolchain}");
-    // Apart from other builds: flags and compiler differ, and neither is to undo the other's work.
-    let (folder, flags, features) = match has_threads {
-        false => ("target/web-build", RUSTFLAGS, "page"),
-        true => ("target/web-build/threads", RUSTFLAGS_OF_THREADS, "threads"),
+    let (flags, features) = match has_threads {
+        false => (RUSTFLAGS, "page"),
+        true => (RUSTFLAGS_OF_THREADS, "threads"),
     };
-    let target = Path::new(ROOT).join(folder);
+    // Apart from other builds, whose compiler may be another one. Both modules share the macros and build scripts of the host.
+    let target = Path::new(ROOT).join("target/web-build");
     let mut cargo: Command = toolchain.cargo();
     cargo.current_dir(ROOT).env("RUSTFLAGS", flags).env("CARGO_TARGET_DIR", &target).args([
         "rustc",

@@ -9,10 +9,11 @@ use gs3::neural::model::Tier;
 use gs3::scene::{Axes, Size};
 use gs3::{
     Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
+    Scale,
 };
 
 use super::memory;
-use super::values::{Bytes, Degrees, DilationArg, Distance, Rgb, camera_size, scale};
+use super::values::{Bytes, Degrees, DilationArg, Distance, Rgb, camera_size};
 
 /// What to look at.
 #[derive(Debug, clap::Args)]
@@ -78,9 +79,10 @@ pub struct FrameOptions {
     /// super-sampling network, and none with --culling aabb3sigma or adr
     #[arg(long, default_value = "auto", value_name = "off|auto|SHARE|TIMEms", allow_hyphen_values = true)]
     pub refine: Refine,
-    /// High-resolution over low-resolution size
-    #[arg(long, default_value_t = 4, value_name = "S", value_parser = scale(1))]
-    pub scale: u32,
+    /// High-resolution over low-resolution size, 1 to 8: auto is the scale of the networks, else 4 up to 2560x1440 pixels and 6
+    /// above
+    #[arg(long, default_value_t = Scale::Auto, value_name = "auto|S", allow_hyphen_values = true)]
+    pub scale: Scale,
     /// Networks that improve the frames: none (analytic), or networks of three sizes. Frames take a few times as long. Networks
     /// are for --scale 4. The super-sampling network of tier balanced is also for --scale 2
     #[arg(long, value_name = "TIER", default_value = "analytic", conflicts_with = "weights", help_heading = ADVANCED)]

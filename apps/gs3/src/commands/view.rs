@@ -81,7 +81,9 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, CliError> {
         ..PipelineSettings::default()
     };
     let networks = match args.tier.network() {
-        Some(tier) => Networks { interpolate: None, ..Networks::shipped(pipeline.scale, tier)? },
+        Some(tier) => {
+            Networks { interpolate: None, ..Networks::shipped(pipeline.scale.of_networks(), tier)? }
+        }
         None => Networks::default(),
     };
     let Device { backend, adapter } = args.device;

@@ -173,9 +173,10 @@ fn weights(look: &FrameOptions) -> Result<(Networks, String), CliError> {
     }
     let is_learned = look.interpolation == InterpolationArg::Learned;
     let shipped = |tier: Tier| {
-        let networks = Networks::shipped(look.scale, tier)?;
+        let scale = look.scale.of_networks();
+        let networks = Networks::shipped(scale, tier)?;
         if is_learned && networks.interpolate.is_none() {
-            return Err(no_interpolation(&format!("{} at scale {}", tier.name(), look.scale)));
+            return Err(no_interpolation(&format!("{} at scale {scale}", tier.name())));
         }
         let interpolate = networks.interpolate.filter(|_| is_learned);
         Ok((Networks { interpolate, ..networks }, tier.name().to_owned()))

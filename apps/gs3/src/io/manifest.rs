@@ -3,7 +3,7 @@
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-use gs3::scene::{CameraPath, Scene};
+use gs3::scene::{Camera, CameraPath, Scene};
 use gs3::{Machine, Mode, Networks, PipelineError, PipelineSettings};
 use gs3_files::{read_within, write_new};
 use rayon::prelude::*;
@@ -24,13 +24,14 @@ const MOST_BYTES: u64 = 1 << 16;
 pub struct Manifest(Map<String, Value>);
 
 impl Manifest {
-    /// The manifest of frames of `scene` along `path`, made with `settings` and `networks` on `machine`. `alpha` says whether
-    /// the frames have transparency.
+    /// The manifest of frames of `scene` along `path`, made with `settings` and `networks` on `machine`. `scale_of` is the scale of
+    /// the frame of a camera. `alpha` says whether the frames have transparency.
     pub fn new(
         scene: &Scene,
         path: &CameraPath,
         settings: &PipelineSettings,
         networks: &Networks,
+        scale_of: impl Fn(&Camera) -> u32,
         machine: &Machine,
         alpha: bool,
     ) -> Result<Self, CliError> {
@@ -49,7 +50,7 @@ impl Manifest {
             "alpha": alpha,
         });
         if settings.mode != Mode::Native {
-            facts["scale"] = json!(settings.scale);
+            facts["scale"] = scales(path, scale_of);
             facts["keyframes"] = json!(settings.keyframes);
             facts["sampling"] = json!(settings.sampling.name());
         }
@@ -188,4 +189,37 @@ fn path_hash(path: &CameraPath) -> String {
     }
     hasher.update(format!("{} {}", path.is_cycle(), path.facts().is_panorama).as_bytes());
     hasher.finalize().to_hex().to_string()
+}
+
+/// The scale of the frames of `path`, or a list of their scales, the smallest first.
+fn scales(path: &CameraPath, scale_of: impl Fn(&Camera) -> u32) -> Value {
+    let mut scales: Vec<u32> = path.cameras().iter().map(scale_of).collect();
+    scales.sort_unstable();
+    scales.dedup();
+    match scales[..] {
+        [one] => json!(one),
+        _ => json!(scales),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use gs3::Scale;
+    use gs3::scene::demo;
+
+    #[test]
+    fn a_path_of_several_sizes_has_all_of_their_scales() {
+        let of = |sizes: &[[u32; 2]]| {
+            let camera = demo::path().cameras()[0];
+            let cameras = sizes.iter().map(|[w, h]| camera.resized(*w, *h).unwrap()).collect();
+            CameraPath::new(cameras, 30.0, false).unwrap()
+        };
+        let auto = |camera: &Camera| Scale::Auto.at(camera.size());
+        assert_eq!(scales(&of(&[[64, 36], [80, 45]]), auto), json!(4));
+        let mixed = of(&[[4096, 2160], [64, 36], [4096, 2160]]);
+        assert_eq!(scales(&mixed, auto), json!([4, 6]));
+        assert_eq!(scales(&mixed, |_| 4), json!(4));
+    }
 }

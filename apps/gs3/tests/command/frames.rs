@@ -235,6 +235,13 @@ fn reports_state_what_ran_and_short_captures_need_no_frames() {
         let told = ["scale", "tier", "interpolation", "in_between"].map(|field| report.get(field).is_some());
         assert_eq!(told, fields, "{report}");
     }
+    // Larger frames have a larger scale.
+    for (size, scale) in [("64x36", 4), ("2720x1360", 6)] {
+        let options = format!("--size {size} --frames 0..1 --mode bicubic --out {size} --json r.json");
+        succeed(at, &format!("render demo {options}"));
+        assert_eq!(json(&at.join("r.json"))["scale"], scale);
+        assert_eq!(json(&at.join(size).join("manifest.json"))["scale"], scale);
+    }
     let camera = "{\"transform_matrix\": [[1,0,0,0],[0,0,-1,-9],[0,1,0,2],[0,0,0,1]]}";
     let cameras = format!("{{\"fl_x\": 50, \"w\": 64, \"h\": 36, \"frames\": [{camera}, {camera}]}}");
     fs::write(at.join("two.json"), cameras).unwrap();

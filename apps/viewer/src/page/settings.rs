@@ -2,7 +2,7 @@
 
 use gs3::scene::Size;
 use gs3::{Backend, Networks};
-use gs3::{Mode, PipelineSettings, Quality, Refine, SessionSettings};
+use gs3::{Mode, PipelineSettings, Quality, Refine, Scale, SessionSettings};
 use serde::Deserialize;
 use std::time::Duration;
 
@@ -18,8 +18,8 @@ pub struct PageSettings {
     pub height: u32,
     /// Displayed frames per second that are aimed at, 1 to 1000.
     pub fps: f64,
-    /// High-resolution over low-resolution size, as [`PipelineSettings::scale`].
-    pub scale: u32,
+    /// High-resolution over low-resolution size, 1 to 8. Without it the size of the picture says ([`Scale::Auto`]).
+    pub scale: Option<u32>,
     /// `fast`, `balanced` or `high`: exact pixels by the error that may be seen. Without it they are as many as the frame rate
     /// leaves time for.
     pub quality: Option<String>,
@@ -31,8 +31,7 @@ pub struct PageSettings {
 
 impl Default for PageSettings {
     fn default() -> Self {
-        let scale = PipelineSettings::default().scale;
-        Self { width: 640, height: 360, fps: 30.0, scale, quality: None, backend: None, budget: None }
+        Self { width: 640, height: 360, fps: 30.0, scale: None, quality: None, backend: None, budget: None }
     }
 }
 
@@ -63,7 +62,7 @@ impl PageSettings {
         }
         let mut pipeline = PipelineSettings {
             mode: Mode::SuperSample,
-            scale: self.scale,
+            scale: self.scale.map_or(Scale::Auto, Scale::Fixed),
             refine: Refine::FrameTime(Duration::from_secs_f64(1.0 / self.fps)),
             ..PipelineSettings::default()
         };
@@ -100,6 +99,9 @@ mod tests {
         assert_eq!(viewer.session.pipeline.refine, Refine::Auto);
         let plain = PageSettings::parse("{}").unwrap().viewer().unwrap();
         assert!(matches!(plain.session.pipeline.refine, Refine::FrameTime(_)));
+        assert_eq!(plain.session.pipeline.scale, Scale::Auto);
+        let half = PageSettings::parse(r#"{"scale": 2}"#).unwrap().viewer().unwrap();
+        assert_eq!(half.session.pipeline.scale, Scale::Fixed(2));
         let refused = |json: &str| match PageSettings::parse(json).and_then(|settings| settings.viewer()) {
             Err(error) => error.to_string(),
             Ok(_) => panic!("{json} is taken"),

@@ -20,7 +20,7 @@ pub(super) struct Status {
     pub adapter: Option<String>,
     /// Frames that a resting camera takes until the history holds every pixel.
     pub period: usize,
-    /// HR size over LR size.
+    /// HR size over LR size of the last frame.
     pub scale: u32,
     /// The stages of the last frame.
     pub times: StageTimes,
@@ -38,7 +38,7 @@ impl Status {
             backend: session.backend(),
             adapter: session.adapter(),
             period: pipeline.jitter_period(),
-            scale: pipeline.settings().scale,
+            scale: pipeline.scale(),
             times: pipeline.times(),
             exact_share: pipeline.refined_share(),
             visible: pipeline.visible_count(),

@@ -153,7 +153,7 @@ impl Viewer {
         }
         let pipeline = self.desk.session().pipeline();
         let geometry = pipeline.gbuffer().geometry.as_ref();
-        let scale = pipeline.settings().scale.max(1) as usize;
+        let scale = pipeline.scale().max(1) as usize;
         let depth =
             geometry.map(|geometry| &geometry.depth_median).filter(|d| d.width() > 0 && d.height() > 0);
         let z = depth.map(|depth| {

@@ -1,7 +1,7 @@
 //! What hands and scripts do.
 
 use gs3::scene::{Camera, demo};
-use gs3::{FramePipeline, Mode, PipelineSettings};
+use gs3::{FramePipeline, Mode, PipelineSettings, Scale};
 use gs3_viewer::input::{Button, Key, Touch};
 use gs3_viewer::{Input, Next, Playing, Script};
 
@@ -116,7 +116,11 @@ fn check_pivot(native_when_fast: bool) {
     assert!(now.abs_diff_eq(then, 1e-12), "the view does not move");
     // What was clicked stays where it is while the camera turns around it.
     let native = |camera: &Camera| {
-        let settings = PipelineSettings { mode: Mode::SuperSample, scale: 1, ..PipelineSettings::default() };
+        let settings = PipelineSettings {
+            mode: Mode::SuperSample,
+            scale: Scale::Fixed(1),
+            ..PipelineSettings::default()
+        };
         let mut pipeline = FramePipeline::new(scene(), settings).unwrap();
         pipeline.render(camera).unwrap();
         let geometry = pipeline.gbuffer().geometry.as_ref().unwrap();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use gs3::{Backend, Dilation, Mode, Networks, PipelineSettings, Quality, Refine, Tier};
+use gs3::{Backend, Dilation, Mode, Networks, PipelineSettings, Quality, Refine, Scale, Tier};
 
 use super::{gs3_backend, gs3_dilation, gs3_mode, gs3_networks, gs3_quality, gs3_refine, gs3_renderer_desc};
 use crate::choice::{choice, flag, or_default};
@@ -31,7 +31,7 @@ impl gs3_renderer_desc {
         ];
         let settings = PipelineSettings {
             mode: choice("mode", "gs3_mode", self.mode, &modes)?,
-            scale: or_default(self.scale, 4),
+            scale: if self.scale == 0 { Scale::Auto } else { Scale::Fixed(self.scale) },
             sampling: sampling(self.sampling)?,
             kriging: kriging(self.kriging)?,
             overscan: flag("overscan", self.overscan)?,
@@ -42,7 +42,7 @@ impl gs3_renderer_desc {
             background: self.background,
             ..PipelineSettings::default()
         };
-        Ok((settings, self.networks(settings.scale)?))
+        Ok((settings, self.networks(settings.scale.of_networks())?))
     }
 
     fn refine(&self) -> Result<Refine, Fault> {

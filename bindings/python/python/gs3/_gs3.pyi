@@ -105,7 +105,7 @@ class Renderer:
         self,
         scene: Scene,
         mode: str,
-        scale: int,
+        scale: str,
         quality: str,
         refine: str,
         frames_between: int,

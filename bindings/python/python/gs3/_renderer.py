@@ -27,7 +27,7 @@ class Renderer:
         quality: How large an error may be left: ``fast``, ``balanced`` or ``high``.
         refine: Which pixels are rasterized exactly besides: ``auto`` (what ``quality`` says), ``off``, a share of all, 0 to 1,
             or the time of a frame, ``"33ms"``. Not on a GPU with a super-sampling network.
-        scale: High over low resolution, 1 to 8.
+        scale: High over low resolution, 1 to 8; ``auto`` is 4 up to 2560×1440 pixels and with a network, 6 above.
         frames_between: Frames interpolated before each rendered one in mode ``full``, 1 to 3.
         mode: ``full``, ``super-sample`` (none between), ``native`` (every pixel rasterized), ``bicubic`` (the baseline).
         backend: ``auto`` (a GPU where there is one), ``cpu`` or ``gpu``.
@@ -48,7 +48,7 @@ class Renderer:
         *,
         quality: str = "balanced",
         refine: Union[str, float] = "auto",
-        scale: int = 4,
+        scale: Union[str, int] = "auto",
         frames_between: int = 1,
         mode: str = "full",
         backend: str = "auto",
@@ -64,7 +64,7 @@ class Renderer:
         self._native = _gs3.Renderer(
             scene._native,
             mode,
-            scale,
+            str(scale),
             quality,
             str(refine),
             frames_between,

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use gs3::{
     Culling, Dilation, FramePipeline, KEYFRAMES, Mode, NetworkError, PipelineError, PipelineSettings,
-    Quality, Refine, ResetReason, Sampling, Stage,
+    Quality, Refine, ResetReason, Sampling, Scale, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
@@ -174,7 +174,7 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
     };
     let settings_ = PipelineSettings {
         mode,
-        scale: settings.scale,
+        scale: Scale::Fixed(settings.scale),
         sampling: if spec.spatial.is_jittered() { Sampling::Jittered } else { Sampling::Centered },
         kriging: match spec.spatial {
             Spatial::Kriging | Spatial::Overscan => Kriging::On,

@@ -89,7 +89,8 @@ impl Rasterizer {
             (row, column, native_row, native_column, place[1], place[0])
         });
         out.places.dedup();
-        out.blocks.resize(out.places.len(), ExactBlock::EMPTY);
+        // Written by all threads: one alone takes long to touch the new pages of a frame that is exact as a whole.
+        out.blocks.par_extend(rayon::iter::repeat_n(ExactBlock::EMPTY, out.places.len()));
         if out.is_empty() {
             return;
         }

@@ -3,7 +3,7 @@
 mod bands;
 
 use fearless_simd::{Level, dispatch};
-use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, Size, block_grid};
 use rayon::prelude::*;
 
 use crate::cpu::carry::{add_surface_shifts, advance};
@@ -45,7 +45,7 @@ pub struct SuperSampler {
     kriging: Kriging,
     /// The last LR frames, newest first. After each frame come its exact blocks that are still remembered.
     past: Vec<Past>,
-    /// Memory of frames that have left the history.
+    /// Memory of LR frames and of exact blocks that have left the history ([`Self::spare_of`]).
     spare: Vec<Past>,
     /// `[block rows, block columns]`.
     errors: Vec<f32>,
@@ -186,10 +186,7 @@ impl SuperSampler {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() || since.reset.is_some() {
-            // A frame that was exact as a whole has memory for all blocks. A frame with few blocks would keep this
-            // memory.
-            self.past.clear();
-            self.spare.clear();
+            self.forget(size);
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.rectification.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
@@ -254,7 +251,7 @@ impl SuperSampler {
         gbuffer: &GBuffer,
         padded: &GBuffer,
     ) -> Result<(), ReconstructError> {
-        let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(camera));
+        let mut newest = self.spare_of(false, camera);
         (newest.camera, newest.age) = (*camera, 0);
         newest.mean_inverse_depth = DepthLattice::of(gbuffer).mean_inverse_depth();
         newest.frame.fill(self.level, padded, self.scale)?;
@@ -276,6 +273,20 @@ impl SuperSampler {
         self.spare.extend(self.past.extract_if(.., |past| is_dropped(past)));
         self.past.insert(0, newest);
         Ok(())
+    }
+
+    /// Forgets all frames. The memory of LR frames of `size` stays for the next ones. The memory of exact blocks does not: a
+    /// frame that was exact as a whole has memory for all blocks, which a frame with few blocks would keep.
+    fn forget(&mut self, size: Size) {
+        self.spare.append(&mut self.past);
+        self.spare.retain(|past| !past.frame.is_blocks() && past.camera.size() == size);
+    }
+
+    /// The memory of a forgotten LR frame, or of forgotten exact blocks; new memory if there is none. Memory of the other kind
+    /// has another size: it would grow into new pages, which takes longer than filling it.
+    fn spare_of(&mut self, is_blocks: bool, camera: &Camera) -> Past {
+        let place = self.spare.iter().rposition(|past| past.frame.is_blocks() == is_blocks);
+        place.map_or_else(|| Past::empty(camera), |place| self.spare.swap_remove(place))
     }
 
     /// The squared errors that are expected of the last image, in blocks of 4×4 pixels, `[rows, columns]` of
@@ -315,7 +326,7 @@ impl SuperSampler {
         let (past, spare) = (&mut self.past, &mut self.spare);
         spare.extend(past.extract_if(.., |past| past.frame.is_blocks() && past.frame.block_count() == 0));
         if !blocks.is_empty() {
-            let mut newest = self.spare.pop().unwrap_or_else(|| Past::empty(&camera));
+            let mut newest = self.spare_of(true, &camera);
             (newest.camera, newest.age) = (camera, 0);
             newest.mean_inverse_depth = mean_inverse_depth;
             newest.frame.fill_blocks(self.level, blocks, size);
@@ -332,5 +343,34 @@ impl SuperSampler {
             past.focal = camera.intrinsics().fx as f32;
             dispatch!(level, simd => past.boxes.set(simd, &past.frame, &past.reprojection, scale));
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs3_scene::{ExactBlock, demo};
+
+    use super::*;
+
+    #[test]
+    fn memory_of_lr_frames_and_of_exact_blocks_is_kept_apart() {
+        let camera = demo::path().cameras()[0];
+        let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
+        let blocks = ExactBlocks { places: vec![[0, 0]], blocks: vec![ExactBlock::EMPTY] };
+        let mut of_blocks = Past { age: 1, ..Past::empty(&camera) };
+        of_blocks.frame.fill_blocks(sampler.level, &blocks, camera.size());
+        let of_frame = Past { age: 2, ..Past::empty(&camera) };
+        for spare in [[of_blocks.clone(), of_frame.clone()], [of_frame.clone(), of_blocks.clone()]] {
+            sampler.spare = spare.into();
+            // A new frame has age 0.
+            let ages = [false, true, false, true].map(|is_blocks| sampler.spare_of(is_blocks, &camera).age);
+            assert_eq!(ages, [2, 1, 0, 0]);
+        }
+        sampler.past = vec![of_frame, of_blocks];
+        sampler.forget(camera.size());
+        assert!(sampler.past.is_empty());
+        assert!(sampler.spare.iter().map(|past| past.age).eq([2]), "the LR frame's memory stays");
+        sampler.forget(Size::new(1, 1));
+        assert!(sampler.spare.is_empty(), "frames of another size do not need it");
     }
 }

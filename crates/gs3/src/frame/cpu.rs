@@ -6,7 +6,7 @@ use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
     DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample, select_blocks,
 };
-use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Margin, Scene, block_grid};
+use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Margin, Scene, Size, block_grid};
 
 use super::inputs::{Frame, FrameInputs, Frames, Made};
 use super::plan::FramePlan;
@@ -32,7 +32,7 @@ impl CpuMachine {
     /// # Errors
     /// [`PipelineError`] if the scale is not supported, or weights do not fit it.
     pub fn new(plan: &FramePlan, scene: Arc<Scene>) -> Result<Self, PipelineError> {
-        let stages = CpuStages::new(plan)?;
+        let stages = CpuStages::new(plan, plan.scale.at(Size::default()))?;
         Ok(Self { rasterizer: rasterizer(plan, scene), stages })
     }
 
@@ -48,11 +48,18 @@ impl CpuMachine {
         if geometry.normal.size() == geometry.depth_median.size() {
             return Ok(());
         }
-        let CpuStages { plan, padded, .. } = &mut self.stages;
-        let inputs =
-            FrameInputs { camera: *camera, reset: None, jitter, margin: Margin::NONE, moments: Vec::new() };
+        let CpuStages { plan, padded, scale, .. } = &mut self.stages;
+        let scale = *scale;
+        let inputs = FrameInputs {
+            camera: *camera,
+            scale,
+            reset: None,
+            jitter,
+            margin: Margin::NONE,
+            moments: Vec::new(),
+        };
         let settings = plan.raster(Outputs::GBuffer, &inputs);
-        self.rasterizer.rasterize_low_resolution(camera, plan.scale, &settings, padded)?;
+        self.rasterizer.rasterize_low_resolution(camera, scale, &settings, padded)?;
         let Some(made) = &mut padded.geometry else { return Ok(()) };
         std::mem::swap(&mut geometry.depth_expected, &mut made.depth_expected);
         std::mem::swap(&mut geometry.normal, &mut made.normal);
@@ -71,6 +78,8 @@ impl CpuMachine {
 /// The stages of a frame in the CPU's memory, with any rasterizer, and everything that the stages remember.
 pub struct CpuStages {
     plan: FramePlan,
+    /// The scale of the frames that the stages are for.
+    scale: u32,
     super_sampler: SuperSampler,
     learned_super_sampler: Option<LearnedSuperSampler>,
     interpolator: Interpolator,
@@ -87,8 +96,8 @@ pub struct CpuStages {
 impl CpuStages {
     /// # Errors
     /// [`PipelineError`] if the scale is not supported, or weights do not fit it.
-    pub fn new(plan: &FramePlan) -> Result<Self, PipelineError> {
-        let (scale, networks) = (plan.scale, &plan.networks);
+    pub fn new(plan: &FramePlan, scale: u32) -> Result<Self, PipelineError> {
+        let networks = &plan.networks;
         let arithmetic = networks.arithmetic;
         // The interpolator and the super sampler come first: both check the scale, and everything else depends on the
         // scale.
@@ -98,6 +107,7 @@ impl CpuStages {
         let interpolate = networks.interpolate.clone();
         Ok(Self {
             plan: plan.clone(),
+            scale,
             super_sampler,
             learned_super_sampler: super_sample
                 .map(|weights| LearnedSuperSampler::new(weights, scale, arithmetic))
@@ -121,6 +131,13 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<Made, PipelineError> {
         let mut times = StageTimes::default();
+        if inputs.scale != self.scale {
+            // Frames of another scale have no history. The share of exact pixels that fits the time of a frame stays.
+            *self = Self {
+                controller: std::mem::take(&mut self.controller),
+                ..Self::new(&self.plan, inputs.scale)?
+            };
+        }
         self.blocks.clear();
         match self.plan.settings.mode {
             Mode::Native => {
@@ -206,7 +223,7 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let settings = self.plan.raster(outputs, inputs);
-        let (camera, scale) = (&inputs.camera, self.plan.scale);
+        let (camera, scale) = (&inputs.camera, self.scale);
         let gbuffer = &mut frames.current.gbuffer;
         if inputs.margin == Margin::NONE {
             return rasterizer.rasterize(camera, scale, &settings, gbuffer).await;
@@ -219,7 +236,7 @@ impl CpuStages {
     fn enlarge(&self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
         let Frame { gbuffer, image, .. } = &mut frames.current;
         image.resize(inputs.camera.width() as usize, inputs.camera.height() as usize);
-        Ok(resample(gbuffer, self.plan.scale, ResampleKernel::Bicubic, image)?)
+        Ok(resample(gbuffer, self.scale, ResampleKernel::Bicubic, image)?)
     }
 
     fn super_sample(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {

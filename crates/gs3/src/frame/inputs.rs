@@ -11,6 +11,8 @@ use crate::stages::StageTimes;
 pub struct FrameInputs {
     /// The camera of the high-resolution frame.
     pub camera: Camera,
+    /// The scale of the frame, HR over LR size on each axis: 1 in [`crate::Mode::Native`].
+    pub scale: u32,
     /// Why this frame has no history; none if the frame has one. Stages are given this value and keep no flag of
     /// their own.
     pub reset: Option<ResetReason>,

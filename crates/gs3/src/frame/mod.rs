@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use gs3_reconstruct::{FrameSequence, FrameStart, ResetReason};
 use gs3_scene::camera_path::pose_between;
-use gs3_scene::{Camera, Image, Margin, Scene};
+use gs3_scene::{Camera, Image, Margin, Scene, Size};
 
 use self::cpu::{CpuMachine, CpuStages};
 #[cfg(feature = "gpu")]
@@ -79,6 +79,8 @@ pub struct FramePipeline {
     /// Number of in-between frames that were asked for before the current frame, and number of those made.
     asked_in_between: usize,
     in_between: usize,
+    /// The scale of the last frame.
+    scale: u32,
     /// Share of the current frame's pixels that are exact blocks, `[0, 1]`.
     refined: f32,
     times: StageTimes,
@@ -118,9 +120,11 @@ impl FramePipeline {
         let machine = Machine::Cpu(Box::new(CpuMachine::new(&plan, scene.into())?));
         plan.check_raster()?;
         let in_between = vec![Image::default(); plan.most_in_between() as usize];
+        let scale = plan.scale.at(Size::default());
         Ok(Self {
             machine,
-            sequence: FrameSequence::new(plan.scale, plan.sampling, plan.widest_margin),
+            sequence: FrameSequence::new(scale, plan.sampling, plan.widest_margin),
+            scale,
             plan,
             frames: Frames { in_between, ..Frames::default() },
             frame_number: 0,
@@ -203,6 +207,8 @@ impl FramePipeline {
     /// Decides everything about the frame of `camera` that its stages do not decide: its history, its jitter, its
     /// margin, and its in-between frames.
     fn begin(&mut self, camera: &Camera, poses: &[Camera]) -> FrameInputs {
+        let scale = self.scale_of(camera);
+        self.sequence.set_scale(scale);
         let keyframe = self.keyframe_at(self.frame_number);
         if keyframe.is_some() {
             self.sequence.restart_sampling();
@@ -222,7 +228,7 @@ impl FramePipeline {
             None => Vec::new(),
         };
         self.frames.advance();
-        FrameInputs { camera: *camera, reset, jitter, margin, moments }
+        FrameInputs { camera: *camera, scale, reset, jitter, margin, moments }
     }
 
     /// A refused request changes nothing.
@@ -252,7 +258,7 @@ impl FramePipeline {
                 self.sequence.commit(&inputs.camera, inputs.reset, inputs.jitter, lattice);
                 self.frames.current.camera = Some(inputs.camera);
                 self.asked_in_between = self.plan.in_between as usize;
-                (self.in_between, self.refined) = (in_between, refined);
+                (self.scale, self.in_between, self.refined) = (inputs.scale, in_between, refined);
                 (self.times, self.last_reset) = (times, inputs.reset);
                 Ok(())
             }
@@ -266,7 +272,8 @@ impl FramePipeline {
     }
 
     /// Where to start on a path so that frame `number`, its in-between frames and all later frames have the same bits
-    /// as in a run from frame 0 in which all frames are waited for: at most `keyframes` + S² frames earlier, 48 by default. Call
+    /// as in a run from frame 0 in which all frames are waited for: at most `keyframes` + S² frames earlier, where S
+    /// is 6 with [`Scale::Auto`](crate::Scale::Auto) and without networks. Call
     /// [`Self::set_frame_number`] with the result. Then render the frames up to `number` without showing them.
     ///
     /// Two settings never give the same bits again. (1) [`Refine::FrameTime`] has no keyframes. Then, as with
@@ -282,7 +289,8 @@ impl FramePipeline {
         let shows_before = u64::from(self.plan.settings.displayed_per_rendered() > 1);
         // At most the last S² frames are remembered, at any jitter. The history of the frame before `number` must not hold
         // the first frame of the warm-up, which has no margin.
-        let reach = if mode.has_history() { u64::from(self.plan.scale).pow(2) + shows_before } else { 0 };
+        let reach =
+            if mode.has_history() { u64::from(self.plan.scale.largest()).pow(2) + shows_before } else { 0 };
         let interval = u64::from(self.plan.settings.keyframes);
         let latest = match self.keyframe_at(0) {
             // In-between frames need the frame before `number`.
@@ -406,6 +414,19 @@ impl FramePipeline {
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.scene(),
         }
+    }
+
+    /// The scale of the frame of `camera`, HR over LR size on each axis: 1 in [`Mode::Native`]. With networks and
+    /// [`Scale::Auto`](crate::Scale::Auto) the scale is the networks'.
+    #[must_use]
+    pub const fn scale_of(&self, camera: &Camera) -> u32 {
+        self.plan.scale.at(camera.size())
+    }
+
+    /// The scale of the last frame ([`Self::scale_of`]). Before the first frame the scale is that of small frames.
+    #[must_use]
+    pub const fn scale(&self) -> u32 {
+        self.scale
     }
 
     /// Number of frames after which a resting camera repeats its sampling offsets. The history holds at most

@@ -9,6 +9,7 @@ use super::inputs::FrameInputs;
 use crate::error::{NetworkError, PipelineError};
 use crate::learned::Networks;
 use crate::refine::Refine;
+use crate::scale::Scale;
 use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 
 /// How all frames of a pipeline are made: its settings, and the values derived from the settings and the networks.
@@ -17,8 +18,8 @@ use crate::settings::{MAX_IN_BETWEEN, Mode, PipelineSettings};
 pub struct FramePlan {
     /// The settings as the caller gave them.
     pub settings: PipelineSettings,
-    /// How many times coarser the rasterized grid is than the frame: 1 in [`Mode::Native`].
-    pub scale: u32,
+    /// The scale of frames, HR over LR size on each axis: 1 in [`Mode::Native`], the networks' if there are any.
+    pub scale: Scale,
     pub sampling: Sampling,
     /// Which pixels are kriged: at least the pixels that were kriged when the network's tier was trained.
     pub kriging: Kriging,
@@ -45,6 +46,8 @@ impl FramePlan {
             });
         }
         check_refine(settings.refine)?;
+        // Networks that the mode does not use count as well, so that frames of all modes are comparable.
+        let scale = if mode == Mode::Native { Scale::Fixed(1) } else { settings.scale.with(networks) };
         let Networks { super_sample, interpolate, arithmetic } = networks.clone();
         let networks = Networks {
             super_sample: super_sample.filter(|_| mode.has_history()),
@@ -55,7 +58,7 @@ impl FramePlan {
         let has_margins = mode.has_history() && (settings.overscan || weights.is_some());
         Ok(Self {
             settings,
-            scale: if mode == Mode::Native { 1 } else { settings.scale },
+            scale,
             sampling: if mode == Mode::Native { Sampling::Centered } else { settings.sampling },
             kriging: settings.kriging.max(weights.map_or(Ok(Kriging::Off), least_kriging)?),
             refine: if mode.has_history() { settings.refine } else { Refine::Off },
@@ -121,7 +124,7 @@ impl FramePlan {
     /// The rasterizer's settings for `outputs` of a frame.
     pub fn raster(&self, outputs: Outputs, inputs: &FrameInputs) -> RasterSettings {
         RasterSettings {
-            dilation: self.settings.dilation.at_scale(self.scale),
+            dilation: self.settings.dilation.at_scale(inputs.scale),
             background: self.settings.background,
             jitter: inputs.jitter,
             margin: inputs.margin,
@@ -132,7 +135,7 @@ impl FramePlan {
     /// Checks the rasterizer's settings that are the same for every frame.
     pub fn check_raster(&self) -> Result<(), PipelineError> {
         Ok(RasterSettings {
-            dilation: self.settings.dilation.at_scale(self.scale),
+            dilation: self.settings.dilation.at_scale(self.scale.largest()),
             background: self.settings.background,
             ..RasterSettings::new(Outputs::GBuffer)
         }

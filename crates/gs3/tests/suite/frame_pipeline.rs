@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gs3::scene::camera_path::CameraPath;
 use gs3::scene::{GBuffer, Image, demo};
-use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Stage};
+use gs3::{Dilation, FramePipeline, Mode, PipelineSettings, Refine, ResetReason, Sampling, Scale, Stage};
 use gs3_raster::{Outputs, RasterSettings, Rasterizer};
 use gs3_test_support::psnr_shown;
 
@@ -188,6 +188,35 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
 }
 
 #[test]
+fn large_frames_have_a_larger_scale_and_begin_anew() {
+    let small = path().cameras()[0];
+    let large = small.resized(2720, 1360).unwrap();
+    for mode in [Mode::Bicubic, Mode::Full] {
+        let with = |scale| {
+            let settings =
+                PipelineSettings { mode, scale, refine: Refine::Off, ..PipelineSettings::default() };
+            FramePipeline::new(scene(), settings).unwrap()
+        };
+        let alone = |scale, camera| with(Scale::Fixed(scale)).render(camera).unwrap().current.clone();
+        let mut p = with(Scale::Auto);
+        for (camera, scale, samples) in
+            [(&small, 4, [64, 36]), (&large, 6, [454, 227]), (&small, 4, [64, 36])]
+        {
+            assert_eq!(p.scale_of(camera), scale);
+            let shown = p.render(camera).unwrap();
+            assert!(shown.current == &alone(scale, camera), "{mode:?}, {}", camera.size());
+            assert_eq!(p.scale(), scale);
+            let color = &p.gbuffer().color;
+            assert_eq!([color.width(), color.height()], samples);
+            assert_eq!(p.jitter_period(), (scale * scale) as usize);
+        }
+        assert_eq!(p.last_reset(), Some(ResetReason::SizeOrTierChange));
+    }
+    let native = pipeline(Mode::Native);
+    assert_eq!((native.scale_of(&small), native.scale_of(&large)), (1, 1));
+}
+
+#[test]
 fn a_jump_across_an_orbit_is_a_cut_and_brisk_motion_is_none() {
     // Around the knot in the middle of the demo scene, which stays in view from everywhere.
     let intrinsics = path().cameras()[0].intrinsics();
@@ -287,7 +316,7 @@ fn refused_cameras_change_nothing() {
 
 #[test]
 fn settings_out_of_range_are_errors() {
-    let settings = |scale| PipelineSettings { scale, ..Default::default() };
+    let settings = |scale| PipelineSettings { scale: Scale::Fixed(scale), ..Default::default() };
     let error = FramePipeline::new(scene(), settings(0)).err().unwrap();
     assert!(error.to_string().contains("scale: expected 1 to"), "{error}");
     let settings = PipelineSettings { dilation: Dilation::Value(-1.0), ..Default::default() };

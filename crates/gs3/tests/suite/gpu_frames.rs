@@ -210,7 +210,12 @@ fn history_ends_at_cuts_resets_new_sizes_and_new_scenes() {
     p.render(&near).unwrap();
     let shown = p.render(&larger).unwrap();
     assert!(shown.in_between == [None; 3] && shown.current == &fresh(&larger));
-    // And back: what was there before the larger frame is no history either.
+    // A frame of a larger scale.
+    let large = next.resized(2720, 1360).unwrap();
+    let shown = p.render(&large).unwrap();
+    assert!(shown.in_between == [None; 3] && shown.current == &fresh(&large));
+    assert_eq!(p.scale(), 6);
+    // And back: what was there before the larger frames is no history either.
     let shown = p.render(&next).unwrap();
     assert!(shown.in_between == [None; 3] && shown.current == &anew);
 

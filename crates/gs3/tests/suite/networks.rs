@@ -8,7 +8,7 @@ use gs3::neural::{Arithmetic, Graph, Header, Weights};
 use gs3::raster::{Culling, Outputs, RasterSettings, Rasterizer};
 use gs3::reconstruct::Neighbor;
 use gs3::scene::{Camera, CameraPath, GBuffer, Image, Planes, demo};
-use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, Refine, ResetReason};
+use gs3::{FramePipeline, Kriging, Mode, Networks, PipelineSettings, Refine, ResetReason, Scale};
 use gs3_test_support::psnr;
 
 use crate::scene;
@@ -46,8 +46,13 @@ fn pipeline(networks: &Networks, in_between: u32) -> FramePipeline {
 }
 
 fn pipeline_with(kriging: Kriging, networks: &Networks, in_between: u32) -> FramePipeline {
-    let settings =
-        PipelineSettings { scale: SCALE, in_between, kriging, refine: Refine::Off, ..Default::default() };
+    let settings = PipelineSettings {
+        scale: Scale::Fixed(SCALE),
+        in_between,
+        kriging,
+        refine: Refine::Off,
+        ..Default::default()
+    };
     FramePipeline::with_networks(scene(), settings, networks).unwrap()
 }
 
@@ -299,15 +304,32 @@ fn two_and_three_frames_are_made_between_rendered_ones() {
 }
 
 #[test]
+fn networks_keep_their_scale_for_frames_of_all_sizes() {
+    let large = demo::path().resized(2720, 1360).unwrap().cameras()[0];
+    for (scale, expected) in [(Scale::Auto, [2, 4]), (Scale::Fixed(2), [2, 2])] {
+        let shipped = [2, 4].map(|scale| Networks::shipped(scale, Tier::Balanced).unwrap());
+        for (networks, expected) in shipped.iter().zip(expected) {
+            assert_eq!(scale.with(networks).at(large.size()), expected);
+        }
+        // Modes without networks are as coarse, so that they can be compared.
+        for mode in [Mode::Bicubic, Mode::SuperSample, Mode::Full] {
+            let settings = PipelineSettings { mode, scale, ..Default::default() };
+            let pipeline = FramePipeline::with_networks(scene(), settings, &shipped[0]).unwrap();
+            assert_eq!(pipeline.scale_of(&large), 2, "{mode:?}");
+        }
+    }
+    let alone = FramePipeline::new(scene(), PipelineSettings::default()).unwrap();
+    assert_eq!(alone.scale_of(&large), 6);
+}
+
+#[test]
 fn weights_that_do_not_fit_are_refused() {
     let graph = super_sample(4, Tier::Fast).unwrap();
     let weights = initial_weights(&graph, header(&graph), 1);
     let refusal = |weights: Weights| {
         let networks = Networks { super_sample: Some(Arc::new(weights)), ..Default::default() };
-        FramePipeline::with_networks(scene(), PipelineSettings::default(), &networks)
-            .err()
-            .unwrap()
-            .to_string()
+        let settings = PipelineSettings { scale: Scale::Fixed(4), ..Default::default() };
+        FramePipeline::with_networks(scene(), settings, &networks).err().unwrap().to_string()
     };
     let with = |change: fn(&mut Header)| {
         let mut weights = weights.clone();
@@ -338,7 +360,8 @@ fn shipped_weights_gain() {
     let path = demo::path().resized(480, 272).unwrap();
     let (cameras, scene) = (&path.cameras()[40..50], scene());
     let pipeline = |mode, scale, networks: &Networks| {
-        let settings = PipelineSettings { mode, scale, refine: Refine::Off, ..Default::default() };
+        let settings =
+            PipelineSettings { mode, scale: Scale::Fixed(scale), refine: Refine::Off, ..Default::default() };
         let mut pipeline = FramePipeline::with_networks(scene.clone(), settings, networks).unwrap();
         frames(&mut pipeline, if mode == Mode::Native { &cameras[9..] } else { cameras }).pop().unwrap()
     };

@@ -36,7 +36,9 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         background: look.background,
         ..RasterSettings::new(outputs)
     };
-    let low: Vec<Camera> = cameras.iter().map(|camera| camera.low_resolution(look.scale)).collect();
+    // All frames have the scale of the first one: `lr_settings` have one dilation.
+    let scale = look.scale.with(&networks).at(cameras[0].size());
+    let low: Vec<Camera> = cameras.iter().map(|camera| camera.low_resolution(scale)).collect();
     let (native, lr_gbuffer) = {
         let mut bench = RasterBench {
             timings: Timings::new(gpu)?,
@@ -45,7 +47,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
             warm_up: args.warm_up,
         };
         let native = bench.measure(cameras, &with(Outputs::Color, KERBL_DILATION))?;
-        let lr_settings = with(Outputs::GBuffer, look.dilation.at_scale(look.scale));
+        let lr_settings = with(Outputs::GBuffer, look.dilation.at_scale(scale));
         (native, bench.measure(&low, &lr_settings)?)
         // Here its scene leaves the device: each pipeline brings its own.
     };
@@ -61,7 +63,7 @@ pub fn run(args: &BenchArgs, gpu: &Gpu, scene: Arc<Scene>, cameras: &[Camera]) -
         "gaussians": gaussians,
         "copies": args.copies,
         "size": cameras[0].size().to_array(),
-        "scale": look.scale,
+        "scale": scale,
         "warm_up_frames": args.warm_up,
         "native": native,
         "lr_gbuffer": lr_gbuffer,

@@ -82,11 +82,11 @@ pub fn run(args: &BenchArgs) -> Result<Outcome, CliError> {
         inputs::warn_of_nothing_visible(full.scene().details().near);
     }
 
-    let size = first.size();
-    let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), size);
+    let scale = full.scale_of(&first);
+    let figures = figures(&rounds, args, &tier, load_time.as_secs_f64(), first.size(), scale);
     let mut figures = report::join(figures, report::asked(&args.view, &range, full.settings()));
     if args.stages {
-        let stages = raster_stages(&scene, &path.cameras()[range], args)?;
+        let stages = raster_stages(&scene, &path.cameras()[range], args, &|camera| full.scale_of(camera))?;
         figures = report::join(figures, json!({ "raster_ms": stages }));
     }
     write(args, &report::join(figures, report::machine(&machine)), &text)
@@ -101,7 +101,14 @@ fn write(args: &BenchArgs, figures: &Value, text: &dyn Fn(&Value) -> String) -> 
     Ok(Outcome::Done)
 }
 
-fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, size: Size) -> Value {
+fn figures(
+    rounds: &[[Times; 2]],
+    args: &BenchArgs,
+    tier: &str,
+    load_s: f64,
+    size: Size,
+    scale: u32,
+) -> Value {
     let best = |side: usize| {
         rounds.iter().map(|r| &r[side]).max_by(|a, b| a.displayed_fps().total_cmp(&b.displayed_fps()))
     };
@@ -127,7 +134,7 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
             .map(|[native, full]| json!([native.displayed_fps(), full.displayed_fps()]))
             .collect::<Vec<_>>(),
         "size": size.to_array(),
-        "scale": args.frame_options.scale,
+        "scale": scale,
         "in_between": args.frame_options.in_between,
         "tier": tier,
         "copies": args.copies,
@@ -136,17 +143,23 @@ fn figures(rounds: &[[Times; 2]], args: &BenchArgs, tier: &str, load_s: f64, siz
 }
 
 /// Median times of the CPU rasterizer's stages in ms: native frames and low-resolution G-buffers of these cameras.
-fn raster_stages(scene: &Arc<Scene>, cameras: &[Camera], args: &BenchArgs) -> Result<Value, CliError> {
+fn raster_stages(
+    scene: &Arc<Scene>,
+    cameras: &[Camera],
+    args: &BenchArgs,
+    scale_of: &dyn Fn(&Camera) -> u32,
+) -> Result<Value, CliError> {
     let look = args.frame_options.settings(Mode::Full);
     let mut rasterizer = Rasterizer::new(Arc::clone(scene), look.culling);
-    let mut measure = |outputs: Outputs, scale: u32| {
-        let dilation = look.dilation.at_scale(scale);
-        let settings =
-            RasterSettings { dilation, background: look.background, ..RasterSettings::new(outputs) };
+    let mut measure = |outputs: Outputs, scale_of: &dyn Fn(&Camera) -> u32| {
         let mut gbuffer = GBuffer::default();
         let mut times: Vec<RasterTimes> = Vec::new();
         // Once over all frames to warm up.
         for camera in cameras.iter().chain(cameras) {
+            let scale = scale_of(camera);
+            let dilation = look.dilation.at_scale(scale);
+            let settings =
+                RasterSettings { dilation, background: look.background, ..RasterSettings::new(outputs) };
             rasterizer.rasterize(&camera.low_resolution(scale), &settings, &mut gbuffer)?;
             times.push(rasterizer.times());
         }
@@ -157,7 +170,9 @@ fn raster_stages(scene: &Arc<Scene>, cameras: &[Camera], args: &BenchArgs) -> Re
             "project": median(|t| t.project), "bin": median(|t| t.bin), "blend": median(|t| t.blend),
         }))
     };
-    Ok(json!({ "native": measure(Outputs::Color, 1)?, "lr_gbuffer": measure(Outputs::Samples, look.scale)? }))
+    Ok(
+        json!({ "native": measure(Outputs::Color, &|_| 1)?, "lr_gbuffer": measure(Outputs::Samples, scale_of)? }),
+    )
 }
 
 /// The same for people.

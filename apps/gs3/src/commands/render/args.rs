@@ -18,7 +18,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub frames: Option<FrameRange>,
     /// Most frames before A that are rendered and not shown [default: as many as it takes for the bits of one run over the whole
-    /// path, at most 48 at scale 4 with the default --keyframes]
+    /// path, at most 48 at scale 4 and 68 at scale auto with the default --keyframes]
     #[arg(long, value_name = "N")]
     pub warm_up: Option<usize>,
     /// Render only frames that the folder lacks

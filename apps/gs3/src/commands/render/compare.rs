@@ -93,7 +93,7 @@ impl Comparison {
         let mut bicubic = Image::new(native.width(), native.height());
         session.fetch_gbuffer()?;
         let pipeline = session.pipeline();
-        resample(pipeline.gbuffer(), pipeline.settings().scale, ResampleKernel::Bicubic, &mut bicubic)?;
+        resample(pipeline.gbuffer(), pipeline.scale(), ResampleKernel::Bicubic, &mut bicubic)?;
         let own = pipeline.last_image();
         write_png(file, &side_by_side([native, &bicubic, own]))?;
         let quality = |image| psnr(native, image, Quantisation::EightBit);

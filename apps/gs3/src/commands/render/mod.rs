@@ -12,8 +12,8 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use gs3::scene::CameraPath;
 use gs3::scene::camera_path::Pace;
+use gs3::scene::{Camera, CameraPath};
 use gs3::{Backend, Mode, Networks, PipelineSettings, Session};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
@@ -121,7 +121,9 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     let stream = stream_of(&path, &range, shown_each);
 
     let scene = &Arc::clone(sessions[0].scene());
-    let facts = Manifest::new(scene, &path, &settings, &networks, sessions[0].machine(), args.alpha)?
+    let (machine, pipeline) = (sessions[0].machine(), sessions[0].pipeline());
+    let scale_of = |camera: &Camera| pipeline.scale_of(camera);
+    let facts = Manifest::new(scene, &path, &settings, &networks, scale_of, machine, args.alpha)?
         .with_aovs(&args.aov, args.aov_format);
     let missing = frames_missing(args, &target, &facts, &range, shown_each)?;
     let mut comparison = match &args.compare {
@@ -208,7 +210,8 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
         "alpha": args.alpha,
         "aov": args.aov.iter().map(|aov| aov.name()).collect::<Vec<_>>(),
     });
-    figures = report::join(figures, what_ran(&settings, &networks, &tier));
+    let scale = session.pipeline().scale_of(&first);
+    figures = report::join(figures, what_ran(&settings, scale, &networks, &tier));
     figures = report::join(figures, report::asked(&args.view, &range, &settings));
     if let Some((comparison, file)) =
         comparison.zip(args.compare.as_ref()).filter(|_| is_complete && done > 0)
@@ -264,11 +267,11 @@ fn aov_destination<'a>(
 }
 
 /// The mode with those settings that it reads.
-fn what_ran(settings: &PipelineSettings, networks: &Networks, tier: &str) -> Value {
+fn what_ran(settings: &PipelineSettings, scale: u32, networks: &Networks, tier: &str) -> Value {
     let mode = settings.mode;
     let mut ran = json!({ "mode": mode.name() });
     if mode != Mode::Native {
-        ran["scale"] = json!(settings.scale);
+        ran["scale"] = json!(scale);
     }
     if mode.has_history() {
         ran["tier"] = json!(tier);

@@ -57,8 +57,13 @@ pub fn run(
     let mut shown_faces = Faces::new(first, covering, args.warm_up)?;
     let each = settings.displayed_per_rendered();
     let stream = stream_of(path, &range, each);
-    let facts =
-        Manifest::new(scene, path, &settings, networks, shown_faces.sessions[0].machine(), args.alpha)?;
+    let session = &shown_faces.sessions[0];
+    // The frames that are super-sampled are the faces.
+    let scale_of = |camera: &Camera| {
+        let face = face_camera(camera, 0).unwrap_or(*camera);
+        session.pipeline().scale_of(&face)
+    };
+    let facts = Manifest::new(scene, path, &settings, networks, scale_of, session.machine(), args.alpha)?;
     let missing = frames_missing(args, target, &facts, &range, each)?;
     let mut writer = FrameWriter::new(target.clone(), &stream)?;
     claim(target, &facts, &numbers_of(&range, each))?;

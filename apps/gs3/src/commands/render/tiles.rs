@@ -47,7 +47,7 @@ pub fn run(
     let settings = args.frame_options.settings(Mode::Native);
     let machine = backend::open(&args.device, args.frame_options.features())?;
     let mut painter = Painter::new(scene, &settings, &machine, args.alpha)?;
-    let facts = Manifest::new(scene, path, &settings, &Networks::default(), &machine, args.alpha)?;
+    let facts = Manifest::new(scene, path, &settings, &Networks::default(), |_| 1, &machine, args.alpha)?;
     let missing = frames_missing(args, target, &facts, &range, 1)?;
     let first = path.cameras()[range.start];
     interrupt::watch()?;

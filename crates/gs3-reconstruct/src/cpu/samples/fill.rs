@@ -49,13 +49,14 @@ impl SampleFrame {
         self.layout = Layout::Blocks { corners, counts, picture: picture.to_array().map(|side| side as f32) };
         (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
-        self.chunks.resize(blocks.len(), Chunk::EMPTY);
-        self.extents.resize(blocks.len(), Extent::default());
         self.displacements.clear();
-        let chunks = self.chunks.par_iter_mut().zip(&mut self.extents).zip(&blocks.blocks).with_min_len(64);
-        chunks.for_each(|((chunk, extent), block)| {
-            dispatch!(level, simd => *extent = fill_block(simd, block, chunk));
+        // Written by all threads: one alone takes long to touch the new pages of a frame that is exact as a whole.
+        let chunks = blocks.blocks.par_iter().with_min_len(64).map(|block| {
+            let mut chunk = Chunk::EMPTY;
+            let extent = dispatch!(level, simd => fill_block(simd, block, &mut chunk));
+            (chunk, extent)
         });
+        chunks.unzip_into_vecs(&mut self.chunks, &mut self.extents);
     }
 }
 

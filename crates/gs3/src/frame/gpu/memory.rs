@@ -114,7 +114,7 @@ impl FrameMemory {
 
     /// Memory for frames of `size`. Each frame reads back `counters` bytes of the rasterizer's counters.
     fn new(gpu: &Gpu, plan: &FramePlan, size: Size, counters: u64) -> Result<Self, PipelineError> {
-        let scale = plan.scale;
+        let scale = plan.scale.at(size);
         let super_sample = &plan.networks.super_sample;
         let side_output =
             if super_sample.is_some() { SideOutput::Innovation } else { SideOutput::ExpectedErrors };
@@ -183,7 +183,7 @@ impl FrameMemory {
         rasterizer: &mut GpuRasterizer,
     ) -> Result<(), PipelineError> {
         let settings = plan.raster(Outputs::GBuffer, inputs);
-        let frame = LowResolution { camera: &inputs.camera, scale: plan.scale, has_blocks };
+        let frame = LowResolution { camera: &inputs.camera, scale: inputs.scale, has_blocks };
         let current = self.current();
         let gbuffer = &mut self.sides[current].gbuffer;
         match &mut self.padded {

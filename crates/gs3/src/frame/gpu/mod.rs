@@ -115,7 +115,7 @@ impl GpuMachine {
         if !self.makes_all_of(&inputs.camera) {
             let stages = match &mut self.stages_here {
                 Some(stages) => stages,
-                none => none.insert(CpuStages::new(&self.plan)?),
+                none => none.insert(CpuStages::new(&self.plan, inputs.scale)?),
             };
             let mut made = stages.make(inputs, &mut *self.rasterizer, frames).await?;
             // A native frame's time is the device's, as a whole frame's is. Reading back is left out.
@@ -201,7 +201,8 @@ impl GpuMachine {
     /// This is so in modes without history, and with networks at a size that is not a multiple of the scale.
     pub fn makes_all_of(&self, camera: &Camera) -> bool {
         let FramePlan { settings, networks, scale, .. } = &self.plan;
-        let is_whole = camera.size().to_array().iter().all(|side| side.is_multiple_of(*scale));
+        let scale = scale.at(camera.size());
+        let is_whole = camera.size().to_array().iter().all(|side| side.is_multiple_of(scale));
         let has_networks = networks.super_sample.is_some() || networks.interpolate.is_some();
         settings.mode.has_history() && (is_whole || !has_networks)
     }
