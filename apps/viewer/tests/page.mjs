@@ -70,7 +70,7 @@ async function opened(query = "", size = { width: 400, height: 240 }) {
 const figures = (page) => page.evaluate(() => window.viewer.figures);
 const camera = (page) => page.evaluate(() => window.viewer.camera());
 // Until what the viewer says of itself is so.
-async function until(page, what, told, seconds = 120) {
+async function until(page, what, told, seconds = 300) {
   const body = `(() => { const f = window.viewer?.figures; return f !== undefined && (${told}); })()`;
   await page.waitForFunction(body, undefined, { timeout: seconds * 1e3, polling: 50 }).catch(async () => {
     const actual = await page.evaluate(() => JSON.stringify(window.viewer?.figures));
@@ -208,7 +208,7 @@ await check("the split screen, keyframes and their path, a screenshot and their 
   await atRest(page);
   await page.keyboard.press("k");
   await page.keyboard.press("p");
-  await page.waitForFunction(() => window.saved.length === 1, undefined, { timeout: 30_000 });
+  await page.waitForFunction(() => window.saved.length === 1, undefined, { timeout: 300_000 });
   const [shot] = await page.evaluate(() => window.saved);
   assert.equal(shot.name, "gs3-0001.png");
   await writeFile(path.join(out, "shot.png"), Buffer.from(shot.bytes));
@@ -387,11 +387,11 @@ await check("what cannot be is told in one line", async () => {
 await check("a page around it talks with it", async () => {
   const host = await context.newPage();
   await host.goto(`${base}/host.html`);
-  const told = (type, seconds = 120) => host.waitForFunction((type) => window.told.find((data) => data.type === type), type, { timeout: seconds * 1e3 }).then((found) => found.jsonValue());
+  const told = (type, seconds = 300) => host.waitForFunction((type) => window.told.find((data) => data.type === type), type, { timeout: seconds * 1e3 }).then((found) => found.jsonValue());
   const ask = (message) => host.evaluate((message) => document.querySelector("iframe").contentWindow.postMessage(message, "*"), message);
   await told("gs3:ready");
   await ask({ type: "gs3:open", url: "/scenes/few.ply" });
-  await host.waitForFunction(() => window.told.some((data) => data.type === "gs3:idle" && data.figures.gaussians === 3), undefined, { timeout: 120_000 });
+  await host.waitForFunction(() => window.told.some((data) => data.type === "gs3:idle" && data.figures.gaussians === 3), undefined, { timeout: 300_000 });
   await ask({ type: "gs3:camera", camera: { position: [0, 0, -5], target: [0, 0, 0], fov: 30 }, id: 7 });
   const done = await told("gs3:camera:done");
   assert.deepEqual([done.id, done.error], [7, undefined]);
