@@ -6,7 +6,7 @@
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
 use crate::cpu::lanes::spread;
-use crate::cpu::warp::{Clip, LANES, Patch, Run, SIDE, Warp};
+use crate::cpu::warp::{Clip, LANES, Run, SIDE, Warp};
 
 /// Weights below this value are not visible on the finest display.
 pub(crate) const NEGLIGIBLE: f32 = 1e-4;
@@ -56,20 +56,30 @@ impl Blend<'_> {
                 {
                     continue;
                 }
-                let patch = warp.correspondence_of_patch(simd, x, y);
-                let share = match is_even {
-                    true => [even_share[k]; LANES],
-                    false => share(simd, &patch.visibility, self.t).to_array(),
-                };
-                if !(is_rigid && self.mix_second(simd, &run, k, &first[k], &share, &clip, rows)) {
-                    // One of the two neighbours may be inside nevertheless.
-                    let mut alike = [None; 2];
-                    if moves_alike {
-                        for (n, alike) in alike.iter_mut().enumerate() {
-                            *alike = warp.quads(simd, n, &run, k);
-                        }
-                    }
-                    self.blend_patch(simd, &patch, &alike, &share, &clip, rows);
+                let mut patch = warp.correspondence_of_patch(simd, &run, k, x, y);
+                if is_even {
+                    patch.take_visibility(&run, k);
+                }
+                let is_unsure = !is_even && clip.is_whole() && patch.is_unsure(simd);
+                let mut share_of_second = share(simd, &patch.visibility, self.t);
+                // Neighbours that no pixel needs are not gathered.
+                let mut both = [[f32x16::splat(simd, 0.0); SIDE]; 2];
+                if is_unsure || share_of_second.simd_lt(1.0).any_true() {
+                    both[0] = match is_rigid {
+                        true => load_rows(simd, &first[k]),
+                        false => warp.gather_patch(simd, 0, &run, k, moves_alike, &patch, &clip),
+                    };
+                }
+                if is_unsure || share_of_second.simd_gt(0.0).any_true() {
+                    both[1] = warp.gather_patch(simd, 1, &run, k, moves_alike, &patch, &clip);
+                }
+                if is_unsure && warp.settle(simd, [x, y], &mut patch, &mut both) {
+                    share_of_second = share(simd, &patch.visibility, self.t);
+                }
+                let share = share_of_second.to_array();
+                for r in clip.rows.clone() {
+                    let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
+                    clip.store(mix(simd, both[0][r], both[1][r], share), r, rows);
                 }
             }
         }
@@ -137,70 +147,16 @@ impl Blend<'_> {
         }
         true
     }
+}
 
-    /// Blends the first neighbour's pixels of a patch with the second neighbour's, pixel by pixel, and writes the
-    /// result. Returns `false` and writes nothing if the patch is not all inside.
-    #[inline(always)]
-    fn mix_second<S: Simd>(
-        &self,
-        simd: S,
-        run: &Run<2>,
-        k: usize,
-        first: &[[f32; 4 * SIDE]; SIDE],
-        share: &[f32; LANES],
-        clip: &Clip,
-        rows: &mut [[f32; 4]],
-    ) -> bool {
-        let Some(second) = self.warp.quads(simd, 1, run, k) else { return false };
-        for r in 0..SIDE {
-            let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
-            clip.store(mix(simd, f32x16::load_array_ref(simd, &first[r]), second[r], share), r, rows);
-        }
-        true
+/// The rows of a patch.
+#[inline(always)]
+fn load_rows<S: Simd>(simd: S, rows: &[[f32; 4 * SIDE]; SIDE]) -> [f32x16<S>; SIDE] {
+    let mut loaded = [f32x16::splat(simd, 0.0); SIDE];
+    for r in 0..SIDE {
+        loaded[r] = f32x16::load_array_ref(simd, &rows[r]);
     }
-
-    /// Blends the pixels of a patch row by row. The pixels of neighbours in `alike` have already been gathered.
-    #[inline(always)]
-    fn blend_patch<S: Simd>(
-        &self,
-        simd: S,
-        patch: &Patch<2>,
-        alike: &[Option<[f32x16<S>; SIDE]>; 2],
-        share: &[f32; LANES],
-        clip: &Clip,
-        rows: &mut [[f32; 4]],
-    ) {
-        for r in clip.rows.clone() {
-            let share = &share[r * SIDE..(r + 1) * SIDE];
-            let shown = &share[clip.columns.clone()];
-            // Neighbours that no pixel uses are not gathered.
-            let (mut first, mut second) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
-            if shown.iter().any(|share| *share < 1.0) {
-                first = self.gather_side(simd, 0, patch, alike, r, clip);
-            }
-            if shown.iter().any(|share| *share > 0.0) {
-                second = self.gather_side(simd, 1, patch, alike, r, clip);
-            }
-            clip.store(mix(simd, first, second, spread(simd, share)), r, rows);
-        }
-    }
-
-    /// Row `r` of a patch in neighbour `n`.
-    #[inline(always)]
-    fn gather_side<S: Simd>(
-        &self,
-        simd: S,
-        n: usize,
-        patch: &Patch<2>,
-        alike: &[Option<[f32x16<S>; SIDE]>; 2],
-        r: usize,
-        clip: &Clip,
-    ) -> f32x16<S> {
-        match &alike[n] {
-            Some(quads) => quads[r],
-            None => self.warp.gather_row(simd, n, patch, r, clip.columns.clone()),
-        }
-    }
+    loaded
 }
 
 /// For every four lanes, the bytes of lane `r`, repeated four times.

@@ -226,6 +226,16 @@ impl MiddleDepth {
         between(load_all(simd, &found), fractions)
     }
 
+    /// The least and the largest inverse depth of the samples around HR pixel `(x, y)`.
+    #[inline(always)]
+    pub fn range_at(&self, x: isize, y: isize) -> [f32; 2] {
+        let [left, right] = self.columns[(x + MARGIN as isize) as usize].samples.map(|i| i as usize);
+        let rows = self.rows[(y + MARGIN as isize) as usize].samples;
+        let [above, below] = rows.map(|j| &self.inverse[j as usize * self.width..][..self.width]);
+        let [a, b, c, d] = [above[left], above[right], below[left], below[right]];
+        [a.min(b).min(c.min(d)), a.max(b).max(c.max(d))]
+    }
+
     /// Inverse depths at the 4×4 HR pixels from `(x, y)` on, row by row.
     #[inline(always)]
     pub fn in_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> f32x16<S> {

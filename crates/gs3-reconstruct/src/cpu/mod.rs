@@ -13,6 +13,7 @@ pub(crate) mod middle_depth;
 pub(crate) mod motion;
 pub(crate) mod nearest;
 pub(crate) mod neighbor_depth;
+pub(crate) mod other_surface;
 pub(crate) mod past;
 pub(crate) mod prefetch;
 pub(crate) mod rectification;

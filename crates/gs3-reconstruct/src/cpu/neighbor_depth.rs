@@ -101,6 +101,29 @@ impl NeighborDepth {
         Self::judge(simd, w, far, near)
     }
 
+    /// The smallest and the largest inverse depth visible at HR position `(u, v)`.
+    #[inline(always)]
+    pub fn range_at(&self, [u, v]: [f32; 2], scale: f32) -> [f32; 2] {
+        let cell = |at: f32, jitter: f32, len: usize| {
+            let place = at.mul_add(1.0 / scale, 0.5 / scale - 0.5 - jitter);
+            // A position that is no number is in the first cell.
+            place.max(0.0).min((len - 1) as f32) as usize
+        };
+        let at = cell(v, self.jitter[1], self.height) * self.width + cell(u, self.jitter[0], self.width);
+        [self.far[at], self.near[at]]
+    }
+
+    /// The visibility of a point at HR position `(u, v)` with inverse depth `w`, as [`Self::visibility_along`].
+    #[inline(always)]
+    pub fn visibility_at(&self, [u, v, w]: [f32; 3], scale: f32) -> f32 {
+        let [far, near] = self.range_at([u, v], scale);
+        match (w >= far && w <= near, near - far <= near * ONE_SURFACE) {
+            (false, _) => HIDDEN,
+            (true, false) => SILHOUETTE,
+            (true, true) => 1.0,
+        }
+    }
+
     /// The visibility of points with inverse depth `w` in arbitrary cells `(i, j)`.
     #[inline(always)]
     fn visibility_anywhere<S: Simd>(&self, simd: S, [i, j, w]: [f32x16<S>; 3]) -> f32x16<S> {

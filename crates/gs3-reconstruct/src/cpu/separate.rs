@@ -1,6 +1,6 @@
 //! Both neighbours at the pose of the in-between frame, not blended, and their visibility there.
 
-use fearless_simd::Simd;
+use fearless_simd::{Simd, f32x16, prelude::*};
 
 use crate::cpu::warp::{Clip, LANES, SIDE, Warp};
 
@@ -20,45 +20,46 @@ impl<const N: usize> Warp<'_, N> {
         let count = parts.first().map_or(0, |part| part.visibility.len());
         for [x, y] in self.runs(count / width.max(1), top) {
             let run = self.correspondence_of_run(simd, x, y);
-            let mut patches = [const { None }; LANES];
+            let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             // One neighbour after the other, so that the source rows stay in the cache.
+            let mut uneven = 0_u64;
             for (n, part) in parts.iter_mut().enumerate() {
-                for (k, patch) in patches.iter_mut().enumerate() {
-                    let x = x + (k * SIDE) as isize;
-                    let clip = Clip::new(x, y, top, width, count);
-                    if clip.is_empty() {
+                for k in 0..LANES {
+                    let clip = clip(k);
+                    let is_even = (run.rigid & run.even) >> k & 1 == 1 && clip.is_whole();
+                    let quads = if is_even { self.quads(simd, n, &run, k) } else { None };
+                    let Some(quads) = quads else {
+                        uneven |= u64::from(!clip.is_empty()) << k;
                         continue;
-                    }
-                    let is_rigid = run.rigid >> k & 1 == 1 && clip.is_whole();
-                    let is_even = is_rigid && run.even >> k & 1 == 1;
-                    let quads = if is_rigid { self.quads(simd, n, &run, k) } else { None };
-                    // Not by the array's iterator: it would pass the vectors through memory.
-                    if let Some(quads) = &quads {
-                        for r in 0..SIDE {
-                            clip.store(quads[r], r, part.image);
-                        }
-                    }
-                    if is_even {
-                        (0..SIDE).for_each(|r| part.visibility[clip.row(r)].fill(run.visibility[n][k]));
-                    }
-                    if is_even && quads.is_some() {
-                        continue;
-                    }
-                    // Not by a closure: the closure would be compiled without the kernel's vector instructions.
-                    let patch = match patch {
-                        Some(patch) => patch,
-                        None => patch.insert(self.correspondence_of_patch(simd, x, y)),
                     };
+                    for r in 0..SIDE {
+                        clip.store(quads[r], r, part.image);
+                        part.visibility[clip.row(r)].fill(run.visibility[n][k]);
+                    }
+                }
+            }
+            for k in 0..LANES {
+                if uneven >> k & 1 == 0 {
+                    continue;
+                }
+                let (clip, x) = (clip(k), x + (k * SIDE) as isize);
+                let moves_alike = run.rigid >> k & 1 == 1 && clip.is_whole();
+                let mut patch = self.correspondence_of_patch(simd, &run, k, x, y);
+                let mut all = [[f32x16::splat(simd, 0.0); SIDE]; N];
+                for n in 0..N {
+                    all[n] = self.gather_patch(simd, n, &run, k, moves_alike, &patch, &clip);
+                }
+                if moves_alike && run.even >> k & 1 == 1 {
+                    patch.take_visibility(&run, k);
+                } else if clip.is_whole() {
+                    self.settle(simd, [x, y], &mut patch, &mut all);
+                }
+                for (n, part) in parts.iter_mut().enumerate() {
                     for r in clip.rows.clone() {
-                        if !is_even {
-                            let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
-                            let visibility = &patch.visibility[n][first..first + at.len()];
-                            part.visibility[at].copy_from_slice(visibility);
-                        }
-                        if quads.is_none() {
-                            let row = self.gather_row(simd, n, patch, r, clip.columns.clone());
-                            clip.store(row, r, part.image);
-                        }
+                        clip.store(all[n][r], r, part.image);
+                        let (at, first) = (clip.row(r), r * SIDE + clip.columns.start);
+                        let visibility = &patch.visibility[n][first..first + at.len()];
+                        part.visibility[at].copy_from_slice(visibility);
                     }
                 }
             }

@@ -38,21 +38,23 @@ fn separate_both(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let corner = patch_corner(at);
-    let quad = quad_at(corner, at.y % 4u, lane);
-    let first = corner + vec2(0, i32(at.y % 4u));
-    if is_outside(first) {
-        return;
-    }
-    var colors = gather_quad(0u, quad.positions, quad.alike.x);
-    var second_colors = gather_quad(1u, quad.positions, quad.alike.y);
-    var shares = quad.share;
+    let line = at.y % 4u;
+    let quad = quad_at(corner, line, lane);
+    let first = corner + vec2(0, i32(line));
+    var both: Both;
+    both.visibility = quad.visibility;
+    both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
+    both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
+    both = settled(both, quad, corner, line, lane);
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
-        if x >= 0 && x < i32(in_between.size.x) {
+        if !is_outside(first) && x >= 0 && x < i32(in_between.size.x) {
             let i = u32(first.y) * in_between.size.x + u32(x);
-            result[i] = pack(colors[k]);
-            second_result[i] = pack(second_colors[k]);
-            share[i] = surer(shares[k], colors[k].w, second_colors[k].w);
+            let before = both.colors[0][k];
+            let after = both.colors[1][k];
+            result[i] = pack(before);
+            second_result[i] = pack(after);
+            share[i] = surer(share_of(both.visibility[k]), before.w, after.w);
         }
     }
 }

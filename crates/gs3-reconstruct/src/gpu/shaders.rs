@@ -7,7 +7,9 @@ use half::f16;
 use super::plan::{BLOCKS_ALONG, KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WORKGROUP};
 use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
 use super::side_output::SideOutput;
-use crate::cpu::{blend, gather, kriging, nearest, neighbor_depth, rectification, splat, tile, warp};
+use crate::cpu::{
+    blend, gather, kriging, nearest, neighbor_depth, other_surface, rectification, splat, tile, warp,
+};
 use crate::reprojection;
 use crate::settings::Kriging;
 
@@ -200,7 +202,7 @@ pub fn motion() -> String {
     joined(&[&numbers, &workgroup(), &reprojection(), include_str!("motion.wgsl")])
 }
 
-/// Both neighbours to the in-between frame: entries `blend` and `separate`.
+/// Both neighbours to the in-between frame: entries `blend`, `separate` and `separate_both`.
 pub fn warp() -> String {
     let numbers = constants(&[
         ("SAME_SURFACE", reprojection::SAME_SURFACE),
@@ -208,6 +210,10 @@ pub fn warp() -> String {
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
         ("UNSEEN", neighbor_depth::HIDDEN),
         ("RIGID", warp::RIGID),
+        ("LOOSE", warp::LOOSE),
+        ("LESS", other_surface::LESS),
+        ("DISAGREE", other_surface::DISAGREE),
+        ("MIDDLE", other_surface::MIDDLE),
         ("NEGLIGIBLE", blend::NEGLIGIBLE),
         ("UNSURE", blend::UNSURE),
         ("MAX_FINITE", f32::MAX),
@@ -234,6 +240,8 @@ pub fn warp() -> String {
         &reprojection(),
         gather,
         warp,
+        include_str!("other_surface.wgsl"),
+        include_str!("blend.wgsl"),
         include_str!("separate.wgsl"),
     ])
 }
@@ -297,6 +305,6 @@ mod tests {
             }
         }
         let explained = check_literals(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu"));
-        assert_eq!((files, explained), (30, 30));
+        assert_eq!((files, explained), (32, 32));
     }
 }

@@ -8,15 +8,32 @@
 
 // A workgroup makes PATCHES patches in a row, and LINES rows of pixels.
 
-// The places of a patch's pixels in both neighbours, and their visibility there.
+// The places of a pixel in both neighbours, and its visibility there.
 struct Correspondence {
     // Displacements in the first neighbour, then in the second.
     moved: vec4<f32>,
     visibility: vec2<f32>,
+    // Inverse depths of the farthest and of the nearest surface around the pixel and where it is in the neighbours.
+    surfaces: vec2<f32>,
+}
+
+// The place of a pixel in one neighbour.
+struct Seen {
+    moved: vec2<f32>,
+    visibility: f32,
+    // Inverse depths in the middle frame of the farthest and of the nearest surface there.
+    surfaces: vec2<f32>,
+}
+
+// A surface of the middle frame, and those around it.
+struct Middle {
+    depth: f32,
+    surfaces: vec2<f32>,
 }
 
 var<workgroup> corner_moved: array<vec4<f32>, PATCHES * LINES>;
 var<workgroup> corner_visibility: array<vec2<f32>, PATCHES * LINES>;
+var<workgroup> corner_surfaces: array<vec2<f32>, PATCHES * LINES>;
 
 // The place of HR column (or row) `x` among `len` samples: the samples around it, and the fraction of the way.
 struct Place {
@@ -34,7 +51,7 @@ fn place_of(x: i32, len: u32) -> Place {
 }
 
 // The inverse depth at an HR pixel: linear within a surface, the nearest sample's at an edge.
-fn middle_at(at: vec2<i32>) -> f32 {
+fn middle_at(at: vec2<i32>) -> Middle {
     let column = place_of(at.x, in_between.lr.x);
     let row = place_of(at.y, in_between.lr.y);
     let rows = row.samples * in_between.lr.x;
@@ -47,16 +64,20 @@ fn middle_at(at: vec2<i32>) -> f32 {
     if near - far <= near * SAME_SURFACE {
         let left = fma(c - a, row.fraction, a);
         let right = fma(d - b, row.fraction, b);
-        return fma(right - left, column.fraction, left);
+        return Middle(fma(right - left, column.fraction, left), vec2(far, near));
     }
     let left = select(c, a, row.fraction < 0.5);
     let right = select(d, b, row.fraction < 0.5);
-    return select(right, left, column.fraction < 0.5);
+    return Middle(select(right, left, column.fraction < 0.5), vec2(far, near));
 }
 
-// Displacement of pixel `at` with inverse depth `depth` in neighbour `n`, and its visibility there: next to nothing
-// outside.
-fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
+// The farthest and the nearest of two pairs of surfaces.
+fn around(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
+    return vec2(min(a.x, b.x), max(a.y, b.y));
+}
+
+// Pixel `at` with inverse depth `depth` in neighbour `n`. Its visibility is next to nothing outside, where there are no surfaces.
+fn seen_in(n: u32, at: vec2<f32>, depth: f32) -> Seen {
     let neighbor = in_between.neighbors[n];
     // Pixel centres of cameras are at halves.
     let seen = reproject(neighbor.from_middle, at + 0.5, depth);
@@ -64,7 +85,7 @@ fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let size = vec2<f32>(in_between.size);
     let w = depth * seen.w;
     if !(seen.z > MIN_DIVISOR && all(to >= vec2(-0.5)) && all(to <= size - 0.5) && w >= 0.0) {
-        return vec3(to - at, UNSEEN * UNSEEN);
+        return Seen(to - at, UNSEEN * UNSEEN, vec2(MAX_FINITE, 0.0));
     }
     let scale = f32(in_between.scale);
     let place = fma(to, vec2(1.0 / scale), vec2(0.5 / scale - 0.5) - neighbor.jitter);
@@ -72,14 +93,18 @@ fn correspondence_in(n: u32, at: vec2<f32>, depth: f32) -> vec3<f32> {
     let range = ranges[n * in_between.lr.x * in_between.lr.y + cell.y * in_between.lr.x + cell.x];
     let one_surface = range.y - range.x <= range.y * ONE_SURFACE;
     let is_seen = w >= range.x && w <= range.y;
-    return vec3(to - at, select(UNSEEN, select(SILHOUETTE, 1.0, one_surface), is_seen));
+    let visibility = select(UNSEEN, select(SILHOUETTE, 1.0, one_surface), is_seen);
+    // Ranges are wider than their samples.
+    let surfaces = range * (vec2(seen.z) / vec2(1.0 - SAME_SURFACE, 1.0 + SAME_SURFACE));
+    return Seen(to - at, visibility, surfaces);
 }
 
 fn correspondence(at: vec2<i32>) -> Correspondence {
-    let depth = middle_at(at);
-    let first = correspondence_in(0u, vec2<f32>(at), depth);
-    let second = correspondence_in(1u, vec2<f32>(at), depth);
-    return Correspondence(vec4(first.xy, second.xy), vec2(first.z, second.z));
+    let middle = middle_at(at);
+    let first = seen_in(0u, vec2<f32>(at), middle.depth);
+    let second = seen_in(1u, vec2<f32>(at), middle.depth);
+    let surfaces = around(middle.surfaces, around(first.surfaces, second.surfaces));
+    return Correspondence(vec4(first.moved, second.moved), vec2(first.visibility, second.visibility), surfaces);
 }
 
 // The second neighbour's share by time and visibility.
@@ -96,13 +121,28 @@ fn units(moved: vec4<f32>, at: vec2<i32>) -> vec4<i32> {
     return vec4<i32>(floor(fma(moved, vec4(f32(UNITS)), vec4(0.5)))) + at.xyxy * UNITS;
 }
 
+// How much of their own displacements pixels keep whose displacements span this range, in each neighbour: 0 up to RIGID, 1
+// from LOOSE on.
+fn looseness(range: vec4<f32>) -> vec2<f32> {
+    let widest = max(range.xz, range.yw);
+    return clamp((widest - RIGID) / (LOOSE - RIGID), vec2(0.0), vec2(1.0));
+}
+
+// The displacements `own` as far as their pixel keeps its own, else `together`.
+fn toward(together: vec4<f32>, own: vec4<f32>, kept: vec2<f32>) -> vec4<f32> {
+    return select(fma(own - together, kept.xxyy, together), own, kept.xxyy == vec4(1.0));
+}
+
 // The four pixels' visibility and positions in each neighbour.
 struct Quad {
-    share: array<f32, 4>,
     visibility: array<vec2<f32>, 4>,
     positions: array<vec4<i32>, 4>,
     // Whether the four pixels move alike in the first and in the second neighbour.
     alike: vec2<bool>,
+    // Whether the patch is inside the image and is not shown or hidden as a whole.
+    is_uneven: bool,
+    // Inverse depths of the farthest and of the nearest surface around the patch.
+    surfaces: vec2<f32>,
 }
 
 fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
@@ -111,29 +151,33 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     let corner = correspondence(patch_corner + own_corner);
     corner_moved[lane] = corner.moved;
     corner_visibility[lane] = corner.visibility;
+    corner_surfaces[lane] = corner.surfaces;
     workgroupBarrier();
     let top = lane - line * PATCHES;
     var least = corner_moved[top];
     var most = least;
     let visibility = corner_visibility[top];
-    var is_even = true;
+    var surfaces = corner_surfaces[top];
+    var is_even = all((visibility == vec2(1.0)) | (visibility <= vec2(UNSEEN)));
     for (var k = 1u; k < 4u; k++) {
         least = min(least, corner_moved[top + k * PATCHES]);
         most = max(most, corner_moved[top + k * PATCHES]);
         is_even = is_even && all(corner_visibility[top + k * PATCHES] == visibility);
+        surfaces = around(surfaces, corner_surfaces[top + k * PATCHES]);
     }
     let is_whole = all(patch_corner >= vec2(0)) && all(patch_corner + 4 <= vec2<i32>(in_between.size));
     // At scale 1, pixels between the corners have samples of their own.
-    let is_rigid = is_whole && in_between.scale > 1u && all(most - least <= vec4(RIGID));
+    let of_patch = select(vec2(1.0), looseness(most - least), in_between.scale > 1u);
+    let is_rigid = is_whole && all(of_patch == vec2(0.0));
 
     var quad: Quad;
+    quad.is_uneven = is_whole && !(is_rigid && is_even);
+    quad.surfaces = surfaces;
     let first = patch_corner + vec2(0, i32(line));
     if is_rigid && is_even {
         quad.alike = vec2(true);
-        let share = share_of(visibility);
         for (var k = 0; k < 4; k++) {
             quad.positions[k] = units((least + most) * 0.5, first + vec2(k, 0));
-            quad.share[k] = share;
             quad.visibility[k] = visibility;
         }
         return quad;
@@ -144,16 +188,15 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     for (var k = 0; k < 4; k++) {
         let seen = correspondence(first + vec2(k, 0));
         moved[k] = seen.moved;
-        quad.share[k] = share_of(seen.visibility);
         quad.visibility[k] = seen.visibility;
         row_least = min(row_least, seen.moved);
         row_most = max(row_most, seen.moved);
     }
-    let is_near = row_most - row_least <= vec4(RIGID);
-    quad.alike = vec2(is_rigid) | vec2(all(is_near.xy), all(is_near.zw));
-    let shared_move = select((row_least + row_most) * 0.5, (least + most) * 0.5, is_rigid);
+    let of_row = looseness(row_most - row_least);
+    quad.alike = (of_row == vec2(0.0)) | (of_patch == vec2(0.0));
     for (var k = 0; k < 4; k++) {
-        quad.positions[k] = units(select(moved[k], shared_move, quad.alike.xxyy), first + vec2(k, 0));
+        let of_pixel = toward((row_least + row_most) * 0.5, moved[k], of_row);
+        quad.positions[k] = units(toward((least + most) * 0.5, of_pixel, of_patch), first + vec2(k, 0));
     }
     return quad;
 }
@@ -191,37 +234,4 @@ fn patch_corner(at: vec3<u32>) -> vec2<i32> {
 // Whether four pixels in a row from `first` on are all beyond the image.
 fn is_outside(first: vec2<i32>) -> bool {
     return any(first >= vec2<i32>(in_between.size)) || first.y < 0;
-}
-
-@compute @workgroup_size(PATCHES, LINES)
-fn blend(
-    @builtin(global_invocation_id) at: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let corner = patch_corner(at);
-    let quad = quad_at(corner, at.y % 4u, lane);
-    let first = corner + vec2(0, i32(at.y % 4u));
-    if is_outside(first) {
-        return;
-    }
-    var share = quad.share;
-    let most = max(max(share[0], share[1]), max(share[2], share[3]));
-    let least = min(min(share[0], share[1]), min(share[2], share[3]));
-    var colors: array<vec4<f32>, 4>;
-    if least < 1.0 {
-        colors = gather_quad(0u, quad.positions, quad.alike.x);
-    }
-    if most > 0.0 {
-        let row = gather_quad(1u, quad.positions, quad.alike.y);
-        for (var k = 0u; k < 4u; k++) {
-            let by = surer(share[k], colors[k].w, row[k].w);
-            colors[k] = fma(row[k] - colors[k], vec4(by), colors[k]);
-        }
-    }
-    for (var k = 0; k < 4; k++) {
-        let x = first.x + k;
-        if x >= 0 && x < i32(in_between.size.x) {
-            result[u32(first.y) * in_between.size.x + u32(x)] = pack(colors[k]);
-        }
-    }
 }
