@@ -62,6 +62,16 @@ impl Reprojection {
         [a * per, b * per, c]
     }
 
+    /// The inverse depths in the source camera of what source pixels `(x, y)` show and the target camera has at inverse
+    /// depths `w`; −1 behind the source camera. With `w_t = w_s / (h₂·p + e₂ w_s)`, `w_s = w_t h₂·p / (1 − e₂ w_t)`.
+    #[inline(always)]
+    pub fn source_depth_16<S: Simd>(&self, simd: S, x: f32x16<S>, y: f32x16<S>, w: f32x16<S>) -> f32x16<S> {
+        let [h0, h1, h2] = self.rows[2];
+        let of_pixel = x.mul_add(h0, y.mul_add(h1, f32x16::splat(simd, h2)));
+        let divisor = 1.0 - w * self.epipole[2];
+        divisor.simd_gt(MIN_DIVISOR).select(w * of_pixel / divisor, f32x16::splat(simd, -1.0))
+    }
+
     /// As [`Self::apply_16`], for surfaces that have moved by `offset` in the world since the source camera saw them.
     #[inline(always)]
     pub fn apply_moved_16<S: Simd>(

@@ -5,7 +5,7 @@
 
 use fearless_simd::{Simd, f32x16, prelude::*, u8x64};
 
-use crate::cpu::lanes::spread;
+use crate::cpu::lanes::{load_all, spread};
 use crate::cpu::warp::{Clip, LANES, Run, SIDE, Warp};
 
 /// Weights below this value are not visible on the finest display.
@@ -35,11 +35,11 @@ impl Blend<'_> {
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             let even_share = share(simd, &run.visibility, self.t).to_array();
             // One neighbour after the other, so that the source rows stay in the cache.
-            let mut rigid = 0;
+            let mut gathered = 0;
             for k in 0..LANES {
                 if run.rigid >> k & 1 == 1 && clip(k).is_whole() {
                     let is_wanted = run.even >> k & 1 == 0 || even_share[k] < 1.0;
-                    rigid |= u64::from(self.gather_first(simd, &run, k, is_wanted, &mut first[k])) << k;
+                    gathered |= u64::from(self.gather_first(simd, &run, k, is_wanted, &mut first[k])) << k;
                 }
             }
             for k in 0..LANES {
@@ -48,9 +48,9 @@ impl Blend<'_> {
                     continue;
                 }
                 let moves_alike = run.rigid >> k & 1 == 1 && clip.is_whole();
-                let is_rigid = rigid >> k & 1 == 1;
+                let is_gathered = gathered >> k & 1 == 1;
                 let is_even = moves_alike && run.even >> k & 1 == 1;
-                if is_rigid
+                if is_gathered
                     && is_even
                     && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows)
                 {
@@ -60,20 +60,20 @@ impl Blend<'_> {
                 if is_even {
                     patch.take_visibility(&run, k);
                 }
-                let is_unsure = !is_even && clip.is_whole() && patch.is_unsure(simd);
+                let is_doubtful = !is_even && clip.is_whole() && patch.is_doubtful(simd);
                 let mut share_of_second = share(simd, &patch.visibility, self.t);
                 // Neighbours that no pixel needs are not gathered.
                 let mut both = [[f32x16::splat(simd, 0.0); SIDE]; 2];
-                if is_unsure || share_of_second.simd_lt(1.0).any_true() {
-                    both[0] = match is_rigid {
-                        true => load_rows(simd, &first[k]),
+                if is_doubtful || share_of_second.simd_lt(1.0).any_true() {
+                    both[0] = match is_gathered {
+                        true => load_all(simd, &first[k]),
                         false => warp.gather_patch(simd, 0, &run, k, moves_alike, &patch, &clip),
                     };
                 }
-                if is_unsure || share_of_second.simd_gt(0.0).any_true() {
+                if is_doubtful || share_of_second.simd_gt(0.0).any_true() {
                     both[1] = warp.gather_patch(simd, 1, &run, k, moves_alike, &patch, &clip);
                 }
-                if is_unsure && warp.settle(simd, [x, y], &mut patch, &mut both) {
+                if is_doubtful && warp.settle(simd, [x, y], &mut patch, &mut both) {
                     share_of_second = share(simd, &patch.visibility, self.t);
                 }
                 let share = share_of_second.to_array();
@@ -133,11 +133,7 @@ impl Blend<'_> {
             }
             return true;
         }
-        let mut both = [[f32x16::splat(simd, 0.0); SIDE]; 2];
-        for r in 0..SIDE {
-            both[0][r] = f32x16::load_array_ref(simd, &first[r]);
-            both[1][r] = second[r];
-        }
+        let both = [load_all(simd, first), second];
         // One division for all sixteen pixels.
         let [of_first, of_second] = [pack_uncertainty(simd, &both[0]), pack_uncertainty(simd, &both[1])];
         let by = surer(f32x16::splat(simd, share), of_first, of_second);
@@ -147,16 +143,6 @@ impl Blend<'_> {
         }
         true
     }
-}
-
-/// The rows of a patch.
-#[inline(always)]
-fn load_rows<S: Simd>(simd: S, rows: &[[f32; 4 * SIDE]; SIDE]) -> [f32x16<S>; SIDE] {
-    let mut loaded = [f32x16::splat(simd, 0.0); SIDE];
-    for r in 0..SIDE {
-        loaded[r] = f32x16::load_array_ref(simd, &rows[r]);
-    }
-    loaded
 }
 
 /// For every four lanes, the bytes of lane `r`, repeated four times.

@@ -2,8 +2,9 @@
 //!
 //! Depth forward, colour backward. (1) The depths of both neighbours are splatted to the middle pose on the LR grid;
 //! the nearest depth wins. (2) Holes take the farthest depth beside them. (3) Every HR pixel gathers its colour from
-//! both HR neighbours, blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the
-//! caller, and [`Interpolator::reproject`] warps one neighbour only.
+//! both HR neighbours. (4) Patches beside silhouettes take the surface at which the neighbours agree. (5) The colours are
+//! blended by visibility, time and uncertainty. [`Interpolator::warp`] leaves the blend to the caller, and
+//! [`Interpolator::reproject`] warps one neighbour only.
 
 use fearless_simd::{Level, dispatch};
 use gs3_scene::{Camera, GBuffer, Image, Planes};
@@ -43,9 +44,11 @@ pub struct Warped {
     /// Weight of `after` in the blend of [`Interpolator::interpolate`], `[0, 1]`; HR.
     pub share: Planes<1>,
     /// How well the frame before and the frame after see each pixel's surface, `[0, 1]`; HR. It is 1 for a visible
-    /// surface, about 0.3 beside silhouettes, and at most 1e-5 where the surface is hidden or outside.
+    /// surface, about 0.3 beside silhouettes, and about 1e-5 or less where the surface is hidden or outside. Patches that
+    /// approach another surface have values in between.
     pub visibility: Planes<2>,
     /// Inverse depths of the in-between frame at its pixel centres, holes filled; 0 where there is no surface; LR.
+    /// Other surfaces that patches beside silhouettes take are not among them.
     pub inverse_depth: Planes<1>,
 }
 

@@ -29,6 +29,16 @@ pub(crate) fn repeat<S: Simd>(simd: S, values: &[f32]) -> f32x16<S> {
     f32x16::block_splat(f32x4::from_slice(simd, values))
 }
 
+/// Vectors of `N` times sixteen values.
+#[inline(always)]
+pub(crate) fn load_all<S: Simd, const N: usize>(simd: S, values: &[[f32; CHUNK]; N]) -> [f32x16<S>; N] {
+    let mut vectors = [f32x16::splat(simd, 0.0); N];
+    for (vector, values) in vectors.iter_mut().zip(values) {
+        *vector = f32x16::load_array_ref(simd, values);
+    }
+    vectors
+}
+
 /// Looks up four values of sixteen lanes: numbers `first..first + 4` of entry `at[lane]` of `table`, each number in a vector of
 /// its own.
 #[inline(always)]

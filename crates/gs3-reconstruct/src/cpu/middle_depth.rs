@@ -6,7 +6,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*
 use gs3_scene::Camera;
 use rayon::prelude::*;
 
-use crate::cpu::lanes::{repeat, spread};
+use crate::cpu::lanes::{load_all, repeat, spread};
 use crate::cpu::neighbor_depth::NeighborDepth;
 use crate::reprojection::{MIN_DIVISOR, Reprojection, SAME_SURFACE};
 
@@ -226,19 +226,39 @@ impl MiddleDepth {
         between(load_all(simd, &found), fractions)
     }
 
-    /// The least and the largest inverse depth of the samples around HR pixel `(x, y)`.
-    #[inline(always)]
-    pub fn range_at(&self, x: isize, y: isize) -> [f32; 2] {
-        let [left, right] = self.columns[(x + MARGIN as isize) as usize].samples.map(|i| i as usize);
-        let rows = self.rows[(y + MARGIN as isize) as usize].samples;
-        let [above, below] = rows.map(|j| &self.inverse[j as usize * self.width..][..self.width]);
-        let [a, b, c, d] = [above[left], above[right], below[left], below[right]];
-        [a.min(b).min(c.min(d)), a.max(b).max(c.max(d))]
-    }
-
     /// Inverse depths at the 4×4 HR pixels from `(x, y)` on, row by row.
     #[inline(always)]
     pub fn in_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> f32x16<S> {
+        let (samples, fractions) = self.around_patch(simd, x, y);
+        between(samples, fractions)
+    }
+
+    /// The least and the largest inverse depths of the samples around the 4×4 HR pixels from `(x, y)` on, row by row.
+    #[inline(always)]
+    pub fn ranges_in_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> [f32x16<S>; 2] {
+        let ([a, b, c, d], _) = self.around_patch(simd, x, y);
+        [a.min(b).min(c.min(d)), a.max(b).max(c.max(d))]
+    }
+
+    /// Whether any sample around the 4×4 HR pixels from `(x, y)` on moves.
+    #[inline(always)]
+    pub fn moves_in_patch(&self, x: isize, y: isize) -> bool {
+        let places = |places: &[Place], first: isize| {
+            let [first, .., last] = places[(first + MARGIN as isize) as usize..][..4] else { unreachable!() };
+            first.samples[0] as usize..=last.samples[1] as usize
+        };
+        let Moving { displacements, rows: moving, .. } = &self.moving;
+        !moving.is_empty()
+            && places(&self.rows, y).any(|j| {
+                let mut columns = places(&self.columns, x);
+                moving[j] && columns.any(|i| displacements[j * self.width + i] != [0.0; 3])
+            })
+    }
+
+    /// The inverse depths of the four samples around the 4×4 HR pixels from `(x, y)` on, row by row, and the pixels'
+    /// places among the samples.
+    #[inline(always)]
+    fn around_patch<S: Simd>(&self, simd: S, x: isize, y: isize) -> ([f32x16<S>; 4], [f32x16<S>; 2]) {
         let columns = &self.columns[(x + MARGIN as isize) as usize..][..4];
         let rows = &self.rows[(y + MARGIN as isize) as usize..][..4];
         if columns[0].samples == columns[3].samples && rows[0].samples == rows[3].samples {
@@ -253,7 +273,7 @@ impl MiddleDepth {
             ];
             let of_columns = [0, 1, 2, 3].map(|k| columns[k].fraction);
             let of_rows = [0, 1, 2, 3].map(|k| rows[k].fraction);
-            return between(samples, [repeat(simd, &of_columns), spread(simd, &of_rows)]);
+            return (samples, [repeat(simd, &of_columns), spread(simd, &of_rows)]);
         }
         let (mut found, mut fractions) = ([[0.0; 16]; 4], [[0.0; 16]; 2]);
         for (r, row) in rows.iter().enumerate() {
@@ -265,7 +285,7 @@ impl MiddleDepth {
                 (found[2][k], found[3][k]) = (below[left], below[right]);
             }
         }
-        between(load_all(simd, &found), load_all(simd, &fractions))
+        (load_all(simd, &found), load_all(simd, &fractions))
     }
 
     /// Where the sixteen samples from column `first` of row `row` on, with inverse depths `w`, land: their places
@@ -400,16 +420,6 @@ fn set_places(places: &mut Vec<Place>, len: usize, scale: usize) {
         let fraction = (phase as f32 + 0.5 + (scale / 2) as f32) / scale as f32 - 0.5;
         Place { samples, fraction }
     }));
-}
-
-/// Vectors of `N` times sixteen values.
-#[inline(always)]
-fn load_all<S: Simd, const N: usize>(simd: S, values: &[[f32; 16]; N]) -> [f32x16<S>; N] {
-    let mut vectors = [f32x16::splat(simd, 0.0); N];
-    for (vector, values) in vectors.iter_mut().zip(values) {
-        *vector = f32x16::load_array_ref(simd, values);
-    }
-    vectors
 }
 
 /// Inverse depths between the samples `a b` above and `c d` below, at `(x, y)` of the way: linear within a surface,

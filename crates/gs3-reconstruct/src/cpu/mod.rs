@@ -18,6 +18,7 @@ pub(crate) mod past;
 pub(crate) mod prefetch;
 pub(crate) mod rectification;
 pub(crate) mod resample;
+pub(crate) mod rigidity;
 pub(crate) mod samples;
 pub(crate) mod select;
 pub(crate) mod separate;

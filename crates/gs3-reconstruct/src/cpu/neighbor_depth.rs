@@ -75,7 +75,8 @@ impl NeighborDepth {
         let ahead = i - column;
         let is_near = ahead.simd_ge(0.0) & ahead.simd_lt(WINDOW as f32) & j.simd_eq(row);
         if !is_near.all_true() {
-            return self.visibility_anywhere(simd, [i, j, w]);
+            let [far, near] = self.ranges_anywhere(simd, [i, j]);
+            return Self::judge(simd, w, far, near);
         }
         let start = row as usize * self.width + column as usize;
         let bytes = window_bytes(ahead);
@@ -87,53 +88,37 @@ impl NeighborDepth {
     /// As [`Self::visibility_along`], for points that are close to each other.
     #[inline(always)]
     pub fn visibility_within<S: Simd>(&self, simd: S, [u, v, w]: [f32x16<S>; 3], scale: f32) -> f32x16<S> {
-        let [i, j] = self.cells(simd, [u, v], scale);
+        let [far, near] = self.ranges_within(simd, [u, v], scale);
+        Self::judge(simd, w, far, near)
+    }
+
+    /// The smallest and the largest inverse depths visible at HR positions that are close to each other.
+    #[inline(always)]
+    pub fn ranges_within<S: Simd>(&self, simd: S, at: [f32x16<S>; 2], scale: f32) -> [f32x16<S>; 2] {
+        let [i, j] = self.cells(simd, at, scale);
         let (left, top) = (i.reduce_min(), j.reduce_min());
         let (is_left, is_top) = (i.simd_eq(left), j.simd_eq(top));
         let is_near = (is_left | i.simd_eq(left + 1.0)) & (is_top | j.simd_eq(top + 1.0));
         if !is_near.all_true() {
-            return self.visibility_anywhere(simd, [i, j, w]);
+            return self.ranges_anywhere(simd, [i, j]);
         }
         // Four cells. Values of cells beyond the grid are never used.
         let start = top as usize * self.width + left as usize;
         let far = select_cell(simd, &self.far, start, self.width, is_left, is_top);
         let near = select_cell(simd, &self.near, start, self.width, is_left, is_top);
-        Self::judge(simd, w, far, near)
+        [far, near]
     }
 
-    /// The smallest and the largest inverse depth visible at HR position `(u, v)`.
+    /// The smallest and the largest inverse depths visible in arbitrary cells `(i, j)`.
     #[inline(always)]
-    pub fn range_at(&self, [u, v]: [f32; 2], scale: f32) -> [f32; 2] {
-        let cell = |at: f32, jitter: f32, len: usize| {
-            let place = at.mul_add(1.0 / scale, 0.5 / scale - 0.5 - jitter);
-            // A position that is no number is in the first cell.
-            place.max(0.0).min((len - 1) as f32) as usize
-        };
-        let at = cell(v, self.jitter[1], self.height) * self.width + cell(u, self.jitter[0], self.width);
-        [self.far[at], self.near[at]]
-    }
-
-    /// The visibility of a point at HR position `(u, v)` with inverse depth `w`, as [`Self::visibility_along`].
-    #[inline(always)]
-    pub fn visibility_at(&self, [u, v, w]: [f32; 3], scale: f32) -> f32 {
-        let [far, near] = self.range_at([u, v], scale);
-        match (w >= far && w <= near, near - far <= near * ONE_SURFACE) {
-            (false, _) => HIDDEN,
-            (true, false) => SILHOUETTE,
-            (true, true) => 1.0,
-        }
-    }
-
-    /// The visibility of points with inverse depth `w` in arbitrary cells `(i, j)`.
-    #[inline(always)]
-    fn visibility_anywhere<S: Simd>(&self, simd: S, [i, j, w]: [f32x16<S>; 3]) -> f32x16<S> {
+    fn ranges_anywhere<S: Simd>(&self, simd: S, [i, j]: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
         let (i, j) = (i.to_array(), j.to_array());
         let (mut far, mut near) = ([0.0; LANES], [0.0; LANES]);
         for k in 0..LANES {
             let cell = j[k] as usize * self.width + i[k] as usize;
             (far[k], near[k]) = (self.far[cell], self.near[cell]);
         }
-        Self::judge(simd, w, f32x16::load_array(simd, far), f32x16::load_array(simd, near))
+        [f32x16::load_array(simd, far), f32x16::load_array(simd, near)]
     }
 
     /// The cells, column and row, at HR positions; the nearest cells for positions outside.

@@ -22,14 +22,14 @@ impl<const N: usize> Warp<'_, N> {
             let run = self.correspondence_of_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
             // One neighbour after the other, so that the source rows stay in the cache.
-            let mut uneven = 0_u64;
+            let mut left = 0_u64;
             for (n, part) in parts.iter_mut().enumerate() {
                 for k in 0..LANES {
                     let clip = clip(k);
                     let is_even = (run.rigid & run.even) >> k & 1 == 1 && clip.is_whole();
                     let quads = if is_even { self.quads(simd, n, &run, k) } else { None };
                     let Some(quads) = quads else {
-                        uneven |= u64::from(!clip.is_empty()) << k;
+                        left |= u64::from(!clip.is_empty()) << k;
                         continue;
                     };
                     for r in 0..SIDE {
@@ -39,7 +39,7 @@ impl<const N: usize> Warp<'_, N> {
                 }
             }
             for k in 0..LANES {
-                if uneven >> k & 1 == 0 {
+                if left >> k & 1 == 0 {
                     continue;
                 }
                 let (clip, x) = (clip(k), x + (k * SIDE) as isize);

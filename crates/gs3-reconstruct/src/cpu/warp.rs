@@ -1,8 +1,9 @@
 //! The places of an in-between frame's pixels in its neighbours, patch by patch.
 //!
 //! A patch is 4×4 pixels. Sixteen patches in a row are examined together by their corners. If the corners of a patch
-//! move alike and are all shown or all hidden, the whole patch is gathered with one displacement. The other patches are
-//! examined pixel by pixel in sixteen lanes, and gathered four pixels or one pixel at a time. Patches lie on the
+//! move alike, the whole patch is gathered with one displacement. If they are also all shown or all hidden, the patch
+//! has one visibility. The other patches are examined pixel by pixel in sixteen lanes, and gathered four pixels or one
+//! pixel at a time. Patches lie on the
 //! cells between LR samples where possible (at scales 2, 4 and 8), so that few patches hold two surfaces.
 //!
 //! A patch costs 54 loads and 78 multiply-adds of sixteen lanes per neighbour. For both neighbours this is 20 cycles
@@ -21,6 +22,7 @@ use rayon::prelude::*;
 use crate::cpu::gather::{Gather, QUAD, UNITS};
 use crate::cpu::middle_depth::MiddleDepth;
 use crate::cpu::neighbor_depth::{HIDDEN, NeighborDepth};
+use crate::cpu::rigidity::{looseness, toward};
 use crate::reprojection::{MIN_DIVISOR, Reprojection};
 
 /// Pixels along a side of a patch.
@@ -38,15 +40,6 @@ const TILE: usize = 8 * RUN;
 
 /// Rows of pixels per task.
 const BAND: usize = 32;
-
-/// Pixels are gathered at once if their displacements differ by at most this many pixels, along x and along y. They
-/// are moved by the middle of the displacements. The largest error is half of this value, 1/4 px; in-between frames are
-/// as near to the truth as with 1/16 px, or up to 0.06 dB nearer, on seven paths (docs/performance.md).
-pub(crate) const RIGID: f32 = 0.5;
-
-/// Pixels whose displacements differ by at least this many pixels have their own displacements. From [`RIGID`] on they
-/// approach them gradually: machines that round the same limit to different sides make nearly the same frames.
-pub(crate) const LOOSE: f32 = 1.0;
 
 /// The first columns of sixteen patches in a row.
 const FIRSTS: [f32; LANES] = {
@@ -100,7 +93,7 @@ pub(crate) struct Run<const N: usize> {
     places: [[[i32; LANES]; 2]; N],
     /// The middle of each patch's displacements in each neighbour, x and y.
     moved: [[[f32; LANES]; 2]; N],
-    /// How much of their own displacements each patch's pixels keep in each neighbour ([`looseness`]).
+    /// The share of own displacements in those of each patch's pixels in each neighbour ([`looseness`]).
     looseness: [[f32; LANES]; N],
     /// Visibility per neighbour.
     pub visibility: [[f32; LANES]; N],
@@ -207,6 +200,7 @@ impl<const N: usize> Warp<'_, N> {
             visibility: [[0.0; LANES]; N],
         };
         let firsts = [firsts, f32x16::splat(simd, y as f32)];
+        let mut most_seen = f32x16::splat(simd, 0.0);
         for n in 0..N {
             let (least, most) = (&least[n], &most[n]);
             // At scale 1, pixels between the corners have samples of their own.
@@ -225,6 +219,11 @@ impl<const N: usize> Warp<'_, N> {
             let is_sure = most[2].simd_eq(1.0) | most[2].simd_le(HIDDEN);
             run.even &= (most[2].simd_eq(least[2]) & is_sure).to_bitmask();
             run.visibility[n] = most[2].to_array();
+            most_seen = most_seen.max(most[2]);
+        }
+        // What all neighbours hide may be of another surface.
+        if N > 1 {
+            run.even &= !most_seen.simd_eq(HIDDEN).to_bitmask();
         }
         run
     }
@@ -246,8 +245,7 @@ impl<const N: usize> Warp<'_, N> {
         } else {
             None
         };
-        let x = f32x16::load_array_ref(simd, &COLUMNS) + x as f32;
-        let y = f32x16::load_array_ref(simd, &ROWS) + y as f32;
+        let [x, y] = Patch::<N>::pixels(simd, [x, y]);
         let mut patch = Patch {
             places: [[[0; LANES]; 2]; N],
             rigid: [0; N],
@@ -276,7 +274,7 @@ impl<const N: usize> Warp<'_, N> {
     /// Pixel positions in neighbour `n`, and inverse depths there, −1 behind its camera. `moved` is the displacement
     /// from neighbour to neighbour, if there is motion.
     #[inline(always)]
-    fn reproject<S: Simd>(
+    pub fn reproject<S: Simd>(
         &self,
         simd: S,
         n: usize,
@@ -298,7 +296,13 @@ impl<const N: usize> Warp<'_, N> {
 
     /// The visibility `seen` inside neighbour `n`, next to nothing outside.
     #[inline(always)]
-    fn inside<S: Simd>(&self, simd: S, n: usize, [u, v, w]: [f32x16<S>; 3], seen: f32x16<S>) -> f32x16<S> {
+    pub fn inside<S: Simd>(
+        &self,
+        simd: S,
+        n: usize,
+        [u, v, w]: [f32x16<S>; 3],
+        seen: f32x16<S>,
+    ) -> f32x16<S> {
         let (width, height) = (self.images[n].width() as f32, self.images[n].height() as f32);
         let inside = u.simd_ge(-0.5)
             & v.simd_ge(-0.5)
@@ -371,6 +375,12 @@ impl<const N: usize> Warp<'_, N> {
 }
 
 impl<const N: usize> Patch<N> {
+    /// The columns and the rows of the pixels of the patch from `(x, y)` on.
+    #[inline(always)]
+    pub fn pixels<S: Simd>(simd: S, [x, y]: [isize; 2]) -> [f32x16<S>; 2] {
+        [f32x16::load_array_ref(simd, &COLUMNS) + x as f32, f32x16::load_array_ref(simd, &ROWS) + y as f32]
+    }
+
     /// Takes the visibility that patch `k` of the run has as a whole.
     #[inline(always)]
     pub fn take_visibility(&mut self, run: &Run<N>, k: usize) {
@@ -427,27 +437,10 @@ impl Clip {
     }
 }
 
-/// How much of their own displacements pixels keep whose displacements span these ranges along x and y: 0 up to
-/// [`RIGID`], 1 from [`LOOSE`] on.
-#[inline(always)]
-fn looseness<S: Simd>(simd: S, [x, y]: [f32x16<S>; 2]) -> f32x16<S> {
-    let range = x.max(y);
-    let ramp = ((range - RIGID) * (1.0 / (LOOSE - RIGID))).max(0.0);
-    // In this order, NaN becomes 1.
-    range.simd_lt(LOOSE).select(ramp, f32x16::splat(simd, 1.0))
-}
-
-/// The displacement `own` as far as its pixel keeps its own, else `shared`.
-#[inline(always)]
-fn toward<S: Simd>(shared: f32x16<S>, own: f32x16<S>, looseness: f32x16<S>) -> f32x16<S> {
-    // What is wholly loose takes nothing of `shared`, which may not be finite.
-    looseness.simd_lt(1.0).select((own - shared).mul_add(looseness, shared), own)
-}
-
 /// Fixed-point positions of pixels moved by `moved`. Whole pixels are added as integers, so that pixels with the same
 /// motion stay whole pixels apart.
 #[inline(always)]
-fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
+pub(crate) fn units<S: Simd>(moved: f32x16<S>, pixel: f32x16<S>) -> i32x16<S> {
     let units: i32x16<S> = (moved * UNITS + 0.5).floor().to_int();
     units + (pixel * UNITS).to_int::<i32x16<S>>()
 }
@@ -458,39 +451,4 @@ fn extremes<S: Simd>(v: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
     let turned = v.slide_within_blocks::<1>(v);
     let (least, most) = (v.min(turned), v.max(turned));
     (least.min(least.slide_within_blocks::<2>(least)), most.max(most.slide_within_blocks::<2>(most)))
-}
-
-#[cfg(test)]
-mod tests {
-    use fearless_simd::dispatch;
-
-    use super::*;
-
-    #[test]
-    fn pixels_let_go_of_each_other_gradually() {
-        for (range, expected) in [
-            ([0.0, 0.0], 0.0),
-            ([RIGID, 0.1], 0.0),
-            ([0.1, 0.75], 0.5),
-            ([LOOSE, 0.0], 1.0),
-            ([9.0, 9.0], 1.0),
-        ] {
-            let [loose, moved] = dispatch!(gs3_simd::level(), simd => {
-                let splat = |v: f32| f32x16::splat(simd, v);
-                let loose = looseness(simd, range.map(splat));
-                [loose[0], toward(splat(3.0), splat(5.0), loose)[0]]
-            });
-            assert_eq!([loose, moved], [expected, 3.0 + 2.0 * expected], "{range:?}");
-        }
-    }
-
-    #[test]
-    fn what_is_no_number_is_shared_with_nobody() {
-        let own = dispatch!(gs3_simd::level(), simd => {
-            let splat = |v: f32| f32x16::splat(simd, v);
-            let loose = looseness(simd, [splat(f32::NAN); 2]);
-            [toward(splat(f32::NAN), splat(5.0), loose)[0], toward(splat(f32::INFINITY), splat(5.0), loose)[0]]
-        });
-        assert_eq!(own, [5.0, 5.0]);
-    }
 }

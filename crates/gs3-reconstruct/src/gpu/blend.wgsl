@@ -15,17 +15,17 @@ fn blend(
         // Neighbours that no pixel needs are not gathered.
         var least = 1.0;
         var most = 0.0;
-        var is_unsure = false;
+        var is_doubtful = false;
         for (var k = 0; k < 4; k++) {
             let share = share_of(both.visibility[k]);
             least = min(least, share);
             most = max(most, share);
-            is_unsure = is_unsure || (quad.is_uneven && unsure(both.visibility[k]) > 0.0);
+            is_doubtful = is_doubtful || (quad.may_settle && doubtful(both.visibility[k]) > 0.0);
         }
-        if is_unsure || least < 1.0 {
+        if is_doubtful || least < 1.0 {
             both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
         }
-        if is_unsure || most > 0.0 {
+        if is_doubtful || most > 0.0 {
             both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
         }
     }

@@ -1,8 +1,8 @@
 // Another surface for patches beside a silhouette; see other_surface.rs. One invocation per four pixels in a row, a row of a
 // patch; the rows of a patch decide together.
 
-// Squared differences between the neighbours' colours in the unsure pixels of a row: at their own depths, at the farthest and
-// at the nearest surface around the patch.
+// Squared differences between the neighbours' colours in the doubtful pixels of a row: at their own depths, at the farthest
+// and at the nearest surface around the patch.
 var<workgroup> row_apart: array<f32, PATCHES * LINES>;
 var<workgroup> row_apart_at_surfaces: array<vec2<f32>, PATCHES * LINES>;
 
@@ -12,8 +12,9 @@ struct Both {
     visibility: array<vec2<f32>, 4>,
 }
 
-// 1 for pixels that are inside both neighbours and that one of them may not show, else 0; not where the other one hides them.
-fn unsure(visibility: vec2<f32>) -> f32 {
+// 1 for doubtful pixels, else 0: pixels inside both neighbours that a neighbour may not show. Where one neighbour shows a
+// pixel and the other one hides the pixel, colours differ without a doubt.
+fn doubtful(visibility: vec2<f32>) -> f32 {
     let least = min(visibility.x, visibility.y);
     let is_occluded = least <= UNSEEN && max(visibility.x, visibility.y) >= 1.0;
     return select(0.0, 1.0, least >= UNSEEN && least < 1.0 && !is_occluded);
@@ -31,7 +32,7 @@ fn facing(corner: vec2<i32>, first: vec2<i32>, depth: f32) -> Both {
     var seen: vec2<f32>;
     let size = vec2<i32>(in_between.size);
     for (var n = 0u; n < 2u; n++) {
-        let there = seen_in(n, vec2<f32>(corner) + MIDDLE, depth);
+        let there = seen_in(n, vec2<f32>(corner) + PATCH_MIDDLE, depth);
         let position = units(vec4(there.moved, there.moved), first).xy;
         let pixel = vec2(position.x >> PHASE_BITS, position.y >> PHASE_BITS) - (first - corner) - BEFORE;
         if there.visibility < UNSEEN || any(pixel < vec2(0)) || any(pixel + 3 + i32(TAPS) > size) {
@@ -52,7 +53,7 @@ fn settled(both: Both, quad: Quad, corner: vec2<i32>, line: u32, lane: u32) -> B
     var pixels: array<f32, 4>;
     var apart = 0.0;
     for (var k = 0; k < 4; k++) {
-        pixels[k] = select(0.0, unsure(own.visibility[k]), quad.is_uneven);
+        pixels[k] = select(0.0, doubtful(own.visibility[k]), quad.may_settle);
         apart = fma(squared_difference(own.colors[0][k], own.colors[1][k]), pixels[k], apart);
     }
     let top = lane - line * PATCHES;
@@ -60,7 +61,8 @@ fn settled(both: Both, quad: Quad, corner: vec2<i32>, line: u32, lane: u32) -> B
     workgroupBarrier();
     apart = row_apart[top] + row_apart[top + PATCHES] + row_apart[top + 2u * PATCHES] + row_apart[top + 3u * PATCHES];
     let surfaces = quad.surfaces;
-    let is_doubtful = quad.is_uneven && LESS * apart > DISAGREE && surfaces.y - surfaces.x > 2.0 * SAME_SURFACE * surfaces.y;
+    let limit = LESS * apart - DISAGREE;
+    let is_doubtful = quad.may_settle && limit > 0.0 && surfaces.y - surfaces.x > 2.0 * SAME_SURFACE * surfaces.y;
     var far: Both;
     var near: Both;
     row_apart_at_surfaces[lane] = vec2(0.0);
@@ -83,9 +85,11 @@ fn settled(both: Both, quad: Quad, corner: vec2<i32>, line: u32, lane: u32) -> B
     }
     let is_there = vec2(far.visibility[0].x, near.visibility[0].x) > vec2(0.0);
     at_surfaces = select(vec2(MAX_FINITE), at_surfaces, is_there);
-    // Gradually, so that machines whose rounding differs about the limit differ little.
-    let gain = clamp((LESS * apart - DISAGREE - min(at_surfaces.x, at_surfaces.y)) / DISAGREE, 0.0, 1.0);
-    let is_near = at_surfaces.y < at_surfaces.x;
+    // Where both are nearly as good, rounding does not choose.
+    let margin = select(0.0, 0.5 * DISAGREE, at_surfaces.x < limit);
+    let is_near = at_surfaces.y + margin < min(at_surfaces.x, limit);
+    // Gradually, so that machines that round to different sides of the limit make nearly the same frames.
+    let gain = clamp((limit - select(at_surfaces.x, at_surfaces.y, is_near)) / DISAGREE, 0.0, 1.0);
     for (var k = 0; k < 4; k++) {
         let by = pixels[k] * gain;
         for (var n = 0; n < 2; n++) {

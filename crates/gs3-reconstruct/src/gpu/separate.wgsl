@@ -43,8 +43,10 @@ fn separate_both(
     let first = corner + vec2(0, i32(line));
     var both: Both;
     both.visibility = quad.visibility;
-    both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
-    both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
+    if !is_outside(first) {
+        both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
+        both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
+    }
     both = settled(both, quad, corner, line, lane);
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;

@@ -8,7 +8,8 @@ use super::plan::{BLOCKS_ALONG, KRIGED, MADE_WIDTH, SuperSamplePlan, WARPED, WOR
 use super::select::{ERROR_UNITS, GROUP, LARGEST_ERROR};
 use super::side_output::SideOutput;
 use crate::cpu::{
-    blend, gather, kriging, nearest, neighbor_depth, other_surface, rectification, splat, tile, warp,
+    blend, gather, kriging, nearest, neighbor_depth, other_surface, rectification, rigidity, splat, tile,
+    warp,
 };
 use crate::reprojection;
 use crate::settings::Kriging;
@@ -209,11 +210,11 @@ pub fn warp() -> String {
         ("ONE_SURFACE", neighbor_depth::ONE_SURFACE),
         ("SILHOUETTE", neighbor_depth::SILHOUETTE),
         ("UNSEEN", neighbor_depth::HIDDEN),
-        ("RIGID", warp::RIGID),
-        ("LOOSE", warp::LOOSE),
+        ("RIGID", rigidity::RIGID),
+        ("LOOSE", rigidity::LOOSE),
         ("LESS", other_surface::LESS),
         ("DISAGREE", other_surface::DISAGREE),
-        ("MIDDLE", other_surface::MIDDLE),
+        ("PATCH_MIDDLE", other_surface::PATCH_MIDDLE),
         ("NEGLIGIBLE", blend::NEGLIGIBLE),
         ("UNSURE", blend::UNSURE),
         ("MAX_FINITE", f32::MAX),

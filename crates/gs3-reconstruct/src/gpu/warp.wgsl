@@ -1,6 +1,6 @@
-// The in-between frame, gathered from both neighbours; see warp.rs. One invocation per four pixels in a row, a row of
-// a 4×4 patch. Each invocation examines one corner of the patch for all four. If the corners move alike, the patch is
-// gathered with one displacement; if they have the same visibility, with one weight.
+// The places of the in-between frame's pixels in both neighbours; see warp.rs. One invocation per four pixels in a row, a
+// row of a 4×4 patch. Each invocation examines one corner of the patch for all four. If the corners move alike, the patch is
+// gathered with one displacement; if they are also all shown or all hidden, with one weight.
 
 @group(0) @binding(3) var<storage, read> middle: array<f32>;
 @group(0) @binding(4) var<storage, read> ranges: array<vec2<f32>>;
@@ -21,7 +21,7 @@ struct Correspondence {
 struct Seen {
     moved: vec2<f32>,
     visibility: f32,
-    // Inverse depths in the middle frame of the farthest and of the nearest surface there.
+    // Inverse depths, in the middle frame, of the farthest and of the nearest surface there.
     surfaces: vec2<f32>,
 }
 
@@ -76,7 +76,17 @@ fn around(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
     return vec2(min(a.x, b.x), max(a.y, b.y));
 }
 
-// Pixel `at` with inverse depth `depth` in neighbour `n`. Its visibility is next to nothing outside, where there are no surfaces.
+// The inverse depths, in the middle frame, of what pixel `at` shows and a neighbour has at inverse depths `w`; `row` is the
+// last row to the neighbour. With w_n = w / (h + e w), w = w_n h / (1 − e w_n). What is behind the middle camera is no
+// surface.
+fn source_depths(row: vec4<f32>, at: vec2<f32>, w: vec2<f32>) -> vec2<f32> {
+    let divisor = 1.0 - w * row.w;
+    let found = w * fma(at.x, row.x, fma(at.y, row.y, row.z)) / divisor;
+    return select(vec2(MAX_FINITE, 0.0), found, (divisor > vec2(MIN_DIVISOR)) & (found >= vec2(0.0)));
+}
+
+// Pixel `at` with inverse depth `depth` in neighbour `n`. Outside, its visibility is next to nothing, and there are no
+// surfaces.
 fn seen_in(n: u32, at: vec2<f32>, depth: f32) -> Seen {
     let neighbor = in_between.neighbors[n];
     // Pixel centres of cameras are at halves.
@@ -95,8 +105,8 @@ fn seen_in(n: u32, at: vec2<f32>, depth: f32) -> Seen {
     let is_seen = w >= range.x && w <= range.y;
     let visibility = select(UNSEEN, select(SILHOUETTE, 1.0, one_surface), is_seen);
     // Ranges are wider than their samples.
-    let surfaces = range * (vec2(seen.z) / vec2(1.0 - SAME_SURFACE, 1.0 + SAME_SURFACE));
-    return Seen(to - at, visibility, surfaces);
+    let found = range / vec2(1.0 - SAME_SURFACE, 1.0 + SAME_SURFACE);
+    return Seen(to - at, visibility, source_depths(neighbor.from_middle[2], at + 0.5, found));
 }
 
 fn correspondence(at: vec2<i32>) -> Correspondence {
@@ -121,16 +131,18 @@ fn units(moved: vec4<f32>, at: vec2<i32>) -> vec4<i32> {
     return vec4<i32>(floor(fma(moved, vec4(f32(UNITS)), vec4(0.5)))) + at.xyxy * UNITS;
 }
 
-// How much of their own displacements pixels keep whose displacements span this range, in each neighbour: 0 up to RIGID, 1
+// The share of own displacements in those of pixels in each neighbour, by the range of the displacements: 0 up to RIGID, 1
 // from LOOSE on.
 fn looseness(range: vec4<f32>) -> vec2<f32> {
     let widest = max(range.xz, range.yw);
-    return clamp((widest - RIGID) / (LOOSE - RIGID), vec2(0.0), vec2(1.0));
+    let ramp = max((widest - RIGID) / (LOOSE - RIGID), vec2(0.0));
+    // Ranges that are no numbers are not below the limit.
+    return select(vec2(1.0), ramp, (range.xz < vec2(LOOSE)) & (range.yw < vec2(LOOSE)));
 }
 
-// The displacements `own` as far as their pixel keeps its own, else `together`.
-fn toward(together: vec4<f32>, own: vec4<f32>, kept: vec2<f32>) -> vec4<f32> {
-    return select(fma(own - together, kept.xxyy, together), own, kept.xxyy == vec4(1.0));
+// The displacements of a pixel with these shares of its own ones.
+fn toward(shared_ones: vec4<f32>, own: vec4<f32>, looseness: vec2<f32>) -> vec4<f32> {
+    return select(fma(own - shared_ones, looseness.xxyy, shared_ones), own, looseness.xxyy == vec4(1.0));
 }
 
 // The four pixels' visibility and positions in each neighbour.
@@ -139,8 +151,8 @@ struct Quad {
     positions: array<vec4<i32>, 4>,
     // Whether the four pixels move alike in the first and in the second neighbour.
     alike: vec2<bool>,
-    // Whether the patch is inside the image and is not shown or hidden as a whole.
-    is_uneven: bool,
+    // Whether the patch may be of another surface: it is inside the image, and does not move, shown or hidden, as a whole.
+    may_settle: bool,
     // Inverse depths of the farthest and of the nearest surface around the patch.
     surfaces: vec2<f32>,
 }
@@ -158,7 +170,8 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     var most = least;
     let visibility = corner_visibility[top];
     var surfaces = corner_surfaces[top];
-    var is_even = all((visibility == vec2(1.0)) | (visibility <= vec2(UNSEEN)));
+    // What both neighbours hide may be of another surface.
+    var is_even = all((visibility == vec2(1.0)) | (visibility <= vec2(UNSEEN))) && max(visibility.x, visibility.y) != UNSEEN;
     for (var k = 1u; k < 4u; k++) {
         least = min(least, corner_moved[top + k * PATCHES]);
         most = max(most, corner_moved[top + k * PATCHES]);
@@ -171,7 +184,7 @@ fn quad_at(patch_corner: vec2<i32>, line: u32, lane: u32) -> Quad {
     let is_rigid = is_whole && all(of_patch == vec2(0.0));
 
     var quad: Quad;
-    quad.is_uneven = is_whole && !(is_rigid && is_even);
+    quad.may_settle = is_whole && !(is_rigid && is_even);
     quad.surfaces = surfaces;
     let first = patch_corner + vec2(0, i32(line));
     if is_rigid && is_even {

@@ -29,6 +29,11 @@ fn pose(x: f64) -> Camera {
     camera(240, 136, [x, 0.0, 0.0], 0.0, 0.0)
 }
 
+/// The columns at which the post of [`wall_and_post`] begins and ends.
+fn silhouettes_at(x: f64) -> [f64; 2] {
+    [-0.25, 0.25].map(|edge| pose(x).project([edge, 0.0, 3.0].into()).0.x)
+}
+
 fn neighbors(world: &World, x: [f64; 2]) -> [Frame; 2] {
     [(x[0], [0.1, -0.2]), (x[1], [-0.3, 0.2])].map(|(x, jitter)| Frame::of(world, pose(x), 4, jitter))
 }
@@ -68,10 +73,7 @@ fn occlusion_and_holes_are_filled_from_the_neighbor_that_sees() {
     let (out, native) = between(&world, [0.0, 1.0], 0.5);
     // Each neighbour hides 10 columns of the wall beside the post that the middle frame shows. A blend with the post
     // there would be off by 0.1 in red. The silhouettes themselves are known to one LR pixel only.
-    let silhouettes = [-0.25, 0.25].map(|x| {
-        let (pixel, _) = pose(0.5).project([x, 0.0, 3.0].into());
-        pixel.x
-    });
+    let silhouettes = silhouettes_at(0.5);
     for x in 0..out.width() {
         if silhouettes.iter().any(|s| (x as f64 + 0.5 - s).abs() < 4.0) {
             continue;
@@ -82,13 +84,13 @@ fn occlusion_and_holes_are_filled_from_the_neighbor_that_sees() {
 }
 
 /// Pixels beside a silhouette may have the depth of the wrong surface. One neighbour then shows the post there and the
-/// other one the wall: 30.5 dB at the second step, if both are blended.
+/// other one the wall: 27.1 and 30.5 dB, if both are blended.
 #[test]
 fn silhouettes_leave_no_ghosts() {
     let world = wall_and_post(10.0);
-    for x in [0.2, 0.3] {
+    for x in [0.25, 0.3] {
         let (out, native) = between(&world, [0.0, x], 0.5);
-        let silhouettes = [-0.25, 0.25].map(|edge| pose(0.5 * x).project([edge, 0.0, 3.0].into()).0.x);
+        let silhouettes = silhouettes_at(0.5 * x);
         let is_beside = |k: usize| {
             let column = (k % native.width()) as f64 + 0.5;
             silhouettes.iter().any(|s| (column - s).abs() < 4.0)
@@ -174,10 +176,14 @@ fn one_neighbor_reprojected_is_that_of_both_warped() {
     interpolator.warp(before, now, 0.5, now.camera, &mut warped).unwrap();
     interpolator.reproject(before, now, &mut reprojected).unwrap();
     // Beside silhouettes, both neighbours together may find another surface.
+    let silhouettes = silhouettes_at(0.7);
+    let width = reprojected.image.width();
     let mut different = 0;
     for (k, pixel) in reprojected.image.pixels().iter().enumerate() {
         let is_same = (0..4).all(|c| (pixel[c] - warped.before.pixels()[k][c]).abs() < 1e-6)
             && reprojected.visibility.data()[k] == warped.visibility.plane(0)[k];
+        let is_beside = silhouettes.iter().any(|s| ((k % width) as f64 + 0.5 - s).abs() < 20.0);
+        assert!(is_same || is_beside, "pixel {k}");
         different += usize::from(!is_same);
     }
     assert!(different * 50 < reprojected.image.pixels().len(), "{different} pixels differ");
