@@ -379,7 +379,7 @@ fn shipped_weights_gain() {
     // In-between frames, on the same frames on both sides: means of the last four.
     let middles: Vec<Camera> = (46..50).map(|k| path.at(f64::from(k) - 0.5)).collect();
     let unrefined = PipelineSettings { refine: Refine::Off, ..Default::default() };
-    let native = PipelineSettings { mode: Mode::Native, ..unrefined.clone() };
+    let native = PipelineSettings { mode: Mode::Native, ..unrefined };
     let mut native = FramePipeline::new(scene.clone(), native).unwrap();
     let truths = frames(&mut native, &middles);
     for tier in [Tier::Fast, Tier::Balanced] {
@@ -387,8 +387,7 @@ fn shipped_weights_gain() {
         let header = &shipped.interpolate.as_ref().unwrap().header;
         assert_eq!((header.scale, header.tier.as_str()), (4, tier.name()));
         let between = |networks: &Networks| {
-            let mut pipeline =
-                FramePipeline::with_networks(scene.clone(), unrefined.clone(), networks).unwrap();
+            let mut pipeline = FramePipeline::with_networks(scene.clone(), unrefined, networks).unwrap();
             let (before, last) = cameras.split_at(cameras.len() - middles.len());
             before.iter().for_each(|camera| _ = pipeline.render(camera).unwrap());
             let shown = last.iter().zip(&middles).zip(&truths).map(|((camera, middle), truth)| {
