@@ -241,3 +241,11 @@ pub fn wall_and_post(frequency: f64) -> World {
     (post.half_width, post.softness, post.base) = (0.25, 0.004, [0.7, 0.3, 0.2]);
     World { sheets: vec![post, Sheet::endless(6.0, 3, frequency)] }
 }
+
+/// A post with a soft rim and a wall that ends: holes inside and at the border, and nothing beyond.
+pub fn wall_that_ends(frequency: f64) -> World {
+    let mut world = wall_and_post(frequency);
+    world.sheets[1].half_width = 3.0;
+    world.sheets.push(Sheet { half_width: 9.0, softness: 0.1, ..Sheet::endless(14.0, 5, frequency / 3.0) });
+    world
+}
