@@ -26,7 +26,7 @@ impl Scale {
     /// The scale of [`Scale::Auto`] for larger frames. `docs/performance.md` compares the speed of both scales at 4096×2160.
     pub const LARGE: u32 = 6;
 
-    /// Most pixels of a frame that [`Scale::Auto`] renders at scale 4. At 4096×2160 scale 6 is 1.25 times as fast. Its PSNR is within
+    /// Most pixels of a frame that [`Scale::Auto`] renders at scale 4. At 4096×2160 scale 6 is 1.19 to 1.26 times as fast. Its PSNR is within
     /// 1.5 dB of 1920×1080 at scale 4 (three paths; `docs/performance.md`, `docs/results.md`).
     pub const MOST_PIXELS_AT_4: u64 = 2560 * 1440;
 

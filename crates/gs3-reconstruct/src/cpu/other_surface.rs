@@ -21,8 +21,8 @@ use crate::reprojection::SAME_SURFACE;
 pub(crate) const LESS: f32 = 0.5;
 
 /// Disagreement that counts as none. A patch approaches another surface that gains, and is there if it gains as much as
-/// this value. (Empirical: with a half or three times as much, in-between frames of `demo`, `fungi_drift` and
-/// `flowers_orbit` are alike within 0.2 dB.)
+/// this value. (Empirical, in-between frames of `demo`, `fungi_drift` and `flowers_orbit`: 34.56, 49.48 and 34.62 dB; with
+/// 0.08 34.35, 49.47 and 34.60 dB.)
 pub(crate) const DISAGREE: f32 = 0.03;
 
 /// The middle of a patch, in pixels from its first one.
@@ -158,8 +158,8 @@ impl<const N: usize> Warp<'_, N> {
     }
 }
 
-/// The sum of squared differences between the colours of the first and of the last neighbour, over those of a patch's
-/// pixels that have a 1 in `pixels`.
+/// Sum over the pixels of a patch with a 1 in `pixels`: squared differences between the colours of the first and of the
+/// last neighbour.
 #[inline(always)]
 fn disagreement<S: Simd, const N: usize>(
     simd: S,

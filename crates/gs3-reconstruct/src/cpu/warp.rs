@@ -239,8 +239,7 @@ impl<const N: usize> Warp<'_, N> {
         y: isize,
     ) -> Patch<N> {
         let depth = self.middle.in_patch(simd, x, y);
-        let moves = self.middle.moves_in_row(y) || self.middle.moves_in_row(y + SIDE as isize - 1);
-        let moved = if moves {
+        let moved = if self.middle.moves_in_patch(x, y) {
             Some(self.middle.displacements_at(simd, [x, y], [&PATCH_COLUMNS, &PATCH_ROWS]))
         } else {
             None

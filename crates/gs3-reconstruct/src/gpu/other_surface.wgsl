@@ -101,3 +101,30 @@ fn settled(both: Both, quad: Quad, corner: vec2<i32>, line: u32, lane: u32) -> B
     }
     return own;
 }
+
+// The four pixels of invocation `at` in both neighbours, `lane` its number in the workgroup. Neighbours that no pixel needs are
+// gathered only where `needs_all`. All invocations of a workgroup call this function.
+fn both_at(at: vec3<u32>, lane: u32, needs_all: bool) -> Both {
+    let line = at.y % 4u;
+    let quad = quad_at(patch_corner(at), line, lane);
+    var both: Both;
+    both.visibility = quad.visibility;
+    if !is_outside(first_pixel(at)) {
+        var least = 1.0;
+        var most = 0.0;
+        var needs_both = needs_all;
+        for (var k = 0; k < 4; k++) {
+            let share = share_of(both.visibility[k]);
+            least = min(least, share);
+            most = max(most, share);
+            needs_both = needs_both || (quad.may_settle && doubtful(both.visibility[k]) > 0.0);
+        }
+        if needs_both || least < 1.0 {
+            both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
+        }
+        if needs_both || most > 0.0 {
+            both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
+        }
+    }
+    return settled(both, quad, patch_corner(at), line, lane);
+}

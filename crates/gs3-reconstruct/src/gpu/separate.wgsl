@@ -12,9 +12,8 @@ fn separate(
     @builtin(global_invocation_id) at: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let corner = patch_corner(at);
-    let quad = quad_at(corner, at.y % 4u, lane);
-    let first = corner + vec2(0, i32(at.y % 4u));
+    let quad = quad_at(patch_corner(at), at.y % 4u, lane);
+    let first = first_pixel(at);
     if is_outside(first) {
         return;
     }
@@ -37,17 +36,8 @@ fn separate_both(
     @builtin(global_invocation_id) at: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let corner = patch_corner(at);
-    let line = at.y % 4u;
-    let quad = quad_at(corner, line, lane);
-    let first = corner + vec2(0, i32(line));
-    var both: Both;
-    both.visibility = quad.visibility;
-    if !is_outside(first) {
-        both.colors[0] = gather_quad(0u, quad.positions, quad.alike.x);
-        both.colors[1] = gather_quad(1u, quad.positions, quad.alike.y);
-    }
-    both = settled(both, quad, corner, line, lane);
+    let first = first_pixel(at);
+    var both = both_at(at, lane, true);
     for (var k = 0; k < 4; k++) {
         let x = first.x + k;
         if !is_outside(first) && x >= 0 && x < i32(in_between.size.x) {

@@ -151,7 +151,7 @@ struct Quad {
     positions: array<vec4<i32>, 4>,
     // Whether the four pixels move alike in the first and in the second neighbour.
     alike: vec2<bool>,
-    // Whether the patch may be of another surface: it is inside the image, and does not move, shown or hidden, as a whole.
+    // Whether the patch may be of another surface: the patch is inside the image, and not both rigid and even.
     may_settle: bool,
     // Inverse depths of the farthest and of the nearest surface around the patch.
     surfaces: vec2<f32>,
@@ -242,6 +242,11 @@ fn pack(color: vec4<f32>) -> vec2<u32> {
 fn patch_corner(at: vec3<u32>) -> vec2<i32> {
     let start = select(0, i32(in_between.offset) - 4, in_between.offset > 0u);
     return vec2<i32>(vec2(at.x * 4u, at.y - at.y % 4u)) + start;
+}
+
+// The first pixel of invocation `at`.
+fn first_pixel(at: vec3<u32>) -> vec2<i32> {
+    return patch_corner(at) + vec2(0, i32(at.y % 4u));
 }
 
 // Whether four pixels in a row from `first` on are all beyond the image.
