@@ -87,8 +87,7 @@ impl Bins {
     /// Parts of `grid`, in the order of their tiles. Each part has at most `most` entries or is one tile.
     pub fn parts(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Part> {
         let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());
-        let splats: u64 = jobs.iter().map(|job| job.rects.len() as u64).sum();
-        if splats.saturating_mul((columns * rows) as u64) <= most {
+        if most_entries(jobs, [width, height]) <= most {
             return vec![Part { rows: 0..rows, columns: 0..columns }];
         }
         let span =
@@ -132,6 +131,22 @@ impl Bins {
             }
         });
     }
+}
+
+/// An upper bound of all entries for tiles of W×H pixels, from the splats' boxes: a box of w×h pixels meets at most (w/W + 2)·(h/H
+/// + 2) tiles.
+fn most_entries(jobs: &[Projected], [width, height]: [usize; 2]) -> u64 {
+    let [width, height] = [width as u64, height as u64];
+    let of_job = |job: &Projected| {
+        let [mut widths, mut heights, mut areas] = [0_u64; 3];
+        for rect in &job.rects {
+            let [w, h] = [u64::from(rect.x1 - rect.x0), u64::from(rect.y1 - rect.y0)];
+            (widths, heights, areas) = (widths + w, heights + h, areas + w * h);
+        }
+        let tiles = 4 * width * height * job.rects.len() as u64;
+        (areas + 2 * (widths * height + heights * width) + tiles).div_ceil(width * height)
+    };
+    jobs.par_iter().map(of_job).sum()
 }
 
 /// Upper bound of the entries of each of `count` rows or columns, from the splats' boxes. `of_box` gives the rows that a box
