@@ -13,6 +13,7 @@
 //! assert!(gs3_simd::levels().iter().any(|(name, _)| *name == gs3_simd::name(level)));
 //! ```
 
+mod prefetch;
 mod tests_on_levels;
 
 use std::env;
@@ -20,6 +21,7 @@ use std::sync::LazyLock;
 
 use fearless_simd::Level;
 
+pub use prefetch::prefetch;
 pub use tests_on_levels::repeat_tests_on_levels;
 
 /// The environment variable that names a level.

@@ -8,7 +8,7 @@ use fearless_simd::{Simd, dispatch};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
 use rayon::prelude::*;
 
-use super::bin::{Bins, TILE_HEIGHT, TILE_WIDTH};
+use super::bin::{Bins, Id, TILE_HEIGHT, TILE_WIDTH};
 use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
 use super::block_rows::{BlockRows, MAX_ROWS, MAX_STRIDE};
 use super::cover::{BLOCK, BLOCKS_X, TileSamples};
@@ -25,6 +25,8 @@ const _: () = assert!(BLOCK == BLOCK_SIDE);
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) tile: TileScratch,
+    /// The splats that meet the tile's blocks.
+    found: Vec<Id>,
     /// For each splat taken, the native tiles with blocks that its rectangle meets. Bit `MAX_STRIDE · row + column` is a
     /// native tile.
     met: Vec<u64>,
@@ -227,6 +229,7 @@ impl Scratch {
 
     fn forget(&mut self) {
         self.tile.clear();
+        self.found.clear();
         self.met.clear();
     }
 
@@ -243,21 +246,26 @@ impl Scratch {
         let corner = grid.tile_corner(tile);
         self.forget();
         for ids in bins.of_tile(tile) {
-            for (job, local) in ids.iter().map(|id| id.place()) {
+            for id in ids {
+                let (job, local) = id.place();
                 let job = &jobs[job];
                 let met = rows.native_tiles_met(job.rects[local], corner, grid.tile_size());
                 if met != 0 {
+                    TileScratch::prefetch::<SAMPLES>(job, local);
                     self.met.push(met);
-                    self.tile.take::<SAMPLES>(job, local);
+                    self.found.push(*id);
                 }
             }
+        }
+        for (job, local) in self.found.iter().map(|id| id.place()) {
+            self.tile.take::<SAMPLES>(&jobs[job], local);
         }
     }
 
     /// Lists the splats taken for the native tiles that they meet, front to back. The splats taken are in scene order, as all
     /// splats of a native tile are, so equal depths keep the native image's order.
     fn list(&mut self) {
-        let Self { tile: TileScratch { order, splats, .. }, met, lists } = self;
+        let Self { tile: TileScratch { order, splats, .. }, met, lists, .. } = self;
         lists.resize_with(MAX_STRIDE * MAX_STRIDE, Vec::new);
         lists.iter_mut().for_each(Vec::clear);
         order.sort_front_to_back(splats.iter().map(|splat| splat.depth_bits));

@@ -15,7 +15,6 @@ pub(crate) mod nearest;
 pub(crate) mod neighbor_depth;
 pub(crate) mod other_surface;
 pub(crate) mod past;
-pub(crate) mod prefetch;
 pub(crate) mod rectification;
 pub(crate) mod resample;
 pub(crate) mod rigidity;

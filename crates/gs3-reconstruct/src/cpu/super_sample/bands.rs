@@ -5,13 +5,13 @@ use std::slice;
 
 use fearless_simd::{Simd, dispatch};
 use gs3_scene::{Image, block_grid};
+use gs3_simd::prefetch;
 use rayon::prelude::*;
 
 use super::SuperSampler;
 use crate::cpu::boxes::BoxLimits;
 use crate::cpu::kriging::Neighborhoods;
 use crate::cpu::nearest::{EVERY, RIM};
-use crate::cpu::prefetch::prefetch;
 use crate::cpu::splat::REACH;
 use crate::cpu::tile::{Tile, Wanted};
 use crate::cpu::tile_size::{RING, TILE_HEIGHT, TILE_WIDTH};

@@ -8,7 +8,7 @@ const LINE: usize = 64;
 /// architecture.
 #[inline(always)]
 #[allow(unsafe_code, reason = "the intrinsic takes a raw pointer")]
-pub(crate) fn prefetch<T>(values: &[T]) {
+pub fn prefetch<T>(values: &[T]) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
