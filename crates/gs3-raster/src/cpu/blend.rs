@@ -12,7 +12,7 @@ use super::grid::Grid;
 use super::math::exp2;
 use super::order::DepthOrder;
 use super::project::{HALF_LOG2_E_SQRT, Projected, lanes};
-use super::splat::{Splat, SplatDepth};
+use super::splat::Splat;
 use crate::settings::{ExpectedDepth, MIN_ALPHA, Rules};
 
 /// A pixel is finished before the contribution that would reduce its transmittance below this value (Kerbl et al.
@@ -89,7 +89,6 @@ pub struct TileScratch {
     pub order: DepthOrder,
     /// The splats in scene order.
     pub splats: Vec<Splat>,
-    pub depths: Vec<SplatDepth>,
     pub normals: Vec<[f32; 3]>,
     pub cover: Box<Cover>,
 }
@@ -98,7 +97,6 @@ impl TileScratch {
     /// Forgets the splats.
     pub fn clear(&mut self) {
         self.splats.clear();
-        self.depths.clear();
         self.normals.clear();
     }
 
@@ -106,9 +104,6 @@ impl TileScratch {
     #[inline(always)]
     pub fn prefetch<const OUTPUTS: usize>(job: &Projected, local: usize) {
         gs3_simd::prefetch(&job.splats[local..=local]);
-        if OUTPUTS >= SAMPLES {
-            gs3_simd::prefetch(&job.depths[local..=local]);
-        }
         if OUTPUTS >= GBUFFER {
             gs3_simd::prefetch(&job.normals[local..=local]);
         }
@@ -118,9 +113,6 @@ impl TileScratch {
     #[inline(always)]
     pub fn take<const OUTPUTS: usize>(&mut self, job: &Projected, local: usize) {
         self.splats.push(job.splats[local]);
-        if OUTPUTS >= SAMPLES {
-            self.depths.push(job.depths[local]);
-        }
         if OUTPUTS >= GBUFFER {
             self.normals.push(job.normals[local]);
         }
@@ -133,7 +125,6 @@ impl Default for TileScratch {
             blocks: Box::new([Block([[0.0; 16]; plane::COUNT]); BLOCKS]),
             order: DepthOrder::default(),
             splats: Vec::new(),
-            depths: Vec::new(),
             normals: Vec::new(),
             cover: Box::default(),
         }
@@ -178,19 +169,17 @@ pub fn blend_tile<S: Simd, const OUTPUTS: usize>(
     }
     scratch.order.sort_front_to_back(scratch.splats.iter().map(|splat| splat.depth_bits));
     let samples = grid.tile_samples(tile);
-    let TileScratch { blocks, order, splats, depths, normals, cover } = scratch;
-    let of_tile = TileSplats { order: order.sorted(), splats, depths, normals };
+    let TileScratch { blocks, order, splats, normals, cover } = scratch;
+    let of_tile = TileSplats { order: order.sorted(), splats, normals };
     blend_splats::<_, OUTPUTS>(s, &samples, grid.origin, rules, open, of_tile, cover, blocks)
 }
 
 /// The splats of a tile.
 #[derive(Clone, Copy)]
 pub struct TileSplats<'a> {
-    /// Positions in the other three, front to back.
+    /// Positions in the other two, front to back.
     pub order: &'a [u32],
     pub splats: &'a [Splat],
-    /// Of [`SAMPLES`] and more.
-    pub depths: &'a [SplatDepth],
     /// Of [`GBUFFER`] and more.
     pub normals: &'a [[f32; 3]],
 }
@@ -364,9 +353,8 @@ impl<S: Simd> State<S> {
                 self.alpha_dx += weight_x;
                 self.alpha_dy += weight_y;
 
-                let depth = &of_tile.depths[i as usize];
-                let across = lanes(s, depth.ray_plane[1]).mul_add(dy, lanes(s, depth.ray_distance));
-                let distance = lanes(s, depth.ray_plane[0]).mul_add(dx, across);
+                let across = lanes(s, splat.ray_plane[1]).mul_add(dy, lanes(s, splat.ray_distance));
+                let distance = lanes(s, splat.ray_plane[0]).mul_add(dx, across);
                 let in_front = blended & t.simd_gt(lanes(s, 0.5));
                 self.median = in_front.select(distance, self.median);
                 if OUTPUTS >= GBUFFER {

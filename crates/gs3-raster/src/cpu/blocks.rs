@@ -180,7 +180,7 @@ impl Scratch {
         }
         self.list();
 
-        let Self { tile: TileScratch { blocks, splats, depths, normals, cover, .. }, lists, .. } = self;
+        let Self { tile: TileScratch { blocks, splats, normals, cover, .. }, lists, .. } = self;
         let native_of = |place: [u16; 2]| {
             let [x, y] = pixel(place);
             [x / TILE_WIDTH, y / TILE_HEIGHT]
@@ -210,7 +210,7 @@ impl Scratch {
                 open |= u32::from(slabs::is_open(&blocks[b].0[plane::TRANSMITTANCE])) << b;
             }
             let order = &lists[native[1] * MAX_STRIDE + native[0]][..];
-            let of_tile = TileSplats { order, splats, depths, normals };
+            let of_tile = TileSplats { order, splats, normals };
             let (rules, origin) = (resolver.rules, grid.origin);
             blend::blend_splats::<_, SAMPLES>(s, &samples, origin, rules, open, of_tile, cover, blocks);
             for (k, (place, out)) in places.iter().zip(out).enumerate() {

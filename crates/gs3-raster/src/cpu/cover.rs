@@ -59,9 +59,8 @@ struct Extents {
     mean_y: [f32; RUN],
     l21: [f32; RUN],
     l22: [f32; RUN],
-    inv_l11: [f32; RUN],
+    l11: [f32; RUN],
     support: [f32; RUN],
-    dy_at_max_dx: [f32; RUN],
     /// First and last sample of the rectangle.
     rect: [[f32; RUN]; 4],
 }
@@ -90,9 +89,8 @@ impl Default for Cover {
                 mean_y: zeros,
                 l21: zeros,
                 l22: zeros,
-                inv_l11: zeros,
+                l11: zeros,
                 support: zeros,
-                dy_at_max_dx: zeros,
                 rect: [zeros; 4],
             },
             lists: [[0; RUN]; BLOCKS],
@@ -112,7 +110,7 @@ impl Cover {
     /// Makes the lists of a run of splats, which `visited` names in order, for the blocks of a tile in the bit mask
     /// `open`. Rectangles of splats count from the pixel at position `origin`.
     ///
-    /// Over a row of blocks, a support's right edge is farthest right at `dy_at_max_dx` or at the sample row nearest
+    /// Over a row of blocks, a support's right edge is farthest right at [`Splat::dy_at_max_dx`] or at the sample row nearest
     /// to it. The left edge follows by symmetry at the negative value (Speedy-Splat's AccuTile, Hanson et al. 2025;
     /// see [`Splat::x_span`]).
     #[inline(always)]
@@ -144,10 +142,10 @@ impl Cover {
             let mean_y = load(s, &e.mean_y, start);
             let l21 = load(s, &e.l21, start);
             let l22 = load(s, &e.l22, start);
-            let inv_l11 = load(s, &e.inv_l11, start);
+            let inv_l11 = 1.0 / load(s, &e.l11, start);
             let support = load(s, &e.support, start);
-            let dy_right = load(s, &e.dy_at_max_dx, start);
-            let dy_left = zero - dy_right;
+            let dy_left = l21 / l22 * (support / l21.mul_add(l21, l22 * l22)).sqrt();
+            let dy_right = zero - dy_left;
             let (left, right) = (load(s, &e.rect[0], start), load(s, &e.rect[2], start));
             // Rows of samples in the rectangle.
             let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
@@ -227,9 +225,8 @@ impl Extents {
         self.mean_y[i] = splat.mean[1] - corner[1];
         self.l21[i] = splat.l21;
         self.l22[i] = splat.l22;
-        self.inv_l11[i] = splat.inv_l11;
+        self.l11[i] = splat.l11;
         self.support[i] = splat.support;
-        self.dy_at_max_dx[i] = splat.dy_at_max_dx;
         self.rect[0][i] = f32::from(splat.rect.x0) - rect_origin[0];
         self.rect[1][i] = f32::from(splat.rect.y0) - rect_origin[1];
         self.rect[2][i] = f32::from(splat.rect.x1) - 1.0 - rect_origin[0];
@@ -257,7 +254,7 @@ mod tests {
             [x - radius, y - radius, x + radius + 1.0, y + radius + 1.0].map(|v| v.ceil().max(0.0) as u16);
         let [x0, y0, x1, y1] = rect;
         let rect = PixelRect { x0, y0, x1, y1 };
-        Splat { mean, l11, l22: l11, inv_l11: radius, support: 1.0, rect, opacity: 1.0, ..Splat::default() }
+        Splat { mean, l11, l22: l11, support: 1.0, rect, opacity: 1.0, ..Splat::default() }
     }
 
     fn fill(
@@ -328,11 +325,11 @@ mod tests {
                     let nearest = nearest.fold(f32::INFINITY, f32::min);
                     let is_listed = listed.contains(&(k as u32));
                     assert!(
-                        is_listed || nearest > splat.inv_l11,
+                        is_listed || nearest > 1.0 / splat.l11,
                         "{name}: splat {k} of block {b}, pitch {pitch}"
                     );
                     assert!(
-                        !is_listed || nearest < splat.inv_l11 + pitch,
+                        !is_listed || nearest < 1.0 / splat.l11 + pitch,
                         "{name}: splat {k} of block {b}, pitch {pitch}"
                     );
                 }

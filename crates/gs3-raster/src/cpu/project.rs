@@ -9,7 +9,7 @@ use gs3_scene::{Gaussians, OpacityMode};
 use super::geometry;
 use super::math::log2;
 use super::sh;
-use super::splat::{PixelRect, Splat, SplatDepth};
+use super::splat::{PixelRect, Splat};
 use crate::settings::{Culling, MIN_ALPHA_INVERSE};
 use crate::view::View;
 
@@ -54,8 +54,6 @@ pub const PUBLISHED_TILE: f32 = 16.0;
 #[derive(Default)]
 pub struct Projected {
     pub splats: Vec<Splat>,
-    /// Empty unless depths are asked for.
-    pub depths: Vec<SplatDepth>,
     /// View-space unit normals, facing the camera (RaDe-GS, Zhang et al. 2024); empty unless asked for.
     pub normals: Vec<[f32; 3]>,
     /// The splats' places in the scene; empty unless asked for.
@@ -67,7 +65,6 @@ pub struct Projected {
 impl Projected {
     pub fn clear(&mut self) {
         self.splats.clear();
-        self.depths.clear();
         self.normals.clear();
         self.indices.clear();
         self.rects.clear();
@@ -100,7 +97,6 @@ struct Lanes {
     factor: [[f32; 16]; 3],
     opacity: [f32; 16],
     support: [f32; 16],
-    dy_at_max_dx: [f32; 16],
     depth: [f32; 16],
     rect: [[f32; 16]; 4],
     geometry: [[f32; 16]; geometry::PLANES],
@@ -318,8 +314,6 @@ fn project_lanes<S: Simd>(
         }
         opacity.store_slice(&mut out.opacity);
         support.store_slice(&mut out.support);
-        // The support's rightmost point is (xx, xy)·√(r²/xx).
-        (xy * (squared_radius / xx).sqrt()).store_slice(&mut out.dy_at_max_dx);
         z.store_slice(&mut out.depth);
     }
     visible
@@ -359,27 +353,24 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
     let direction = [lanes.direction[0][lane], lanes.direction[1][lane], lanes.direction[2][lane]];
     let [x0, y0, x1, y1] = [0, 1, 2, 3].map(|k| lanes.rect[k][lane] as u16);
     let rect = PixelRect { x0, y0, x1: x1 + 1, y1: y1 + 1 };
-    let l11 = lanes.factor[0][lane];
+    let geometry = |k: usize| lanes.geometry[k][lane];
+    // Without depths the lanes stay as they began, 0.
     out.splats.push(Splat {
         mean: [lanes.mean[0][lane], lanes.mean[1][lane]],
-        l11,
+        l11: lanes.factor[0][lane],
         l21: lanes.factor[1][lane],
         l22: lanes.factor[2][lane],
         opacity: lanes.opacity[lane],
         color: sh::color(input.gaussians.sh_of(index), direction),
         support: lanes.support[lane],
-        dy_at_max_dx: lanes.dy_at_max_dx[lane],
-        inv_l11: 1.0 / l11,
         rect,
         depth_bits: lanes.depth[lane].to_bits(),
+        ray_distance: geometry(0),
+        ray_plane: [geometry(1), geometry(2)],
     });
     out.rects.push(rect);
     if input.outputs.indices {
         out.indices.push(index as u32);
-    }
-    let geometry = |k: usize| lanes.geometry[k][lane];
-    if input.outputs.depths {
-        out.depths.push(SplatDepth { ray_distance: geometry(0), ray_plane: [geometry(1), geometry(2)] });
     }
     if input.outputs.normals {
         out.normals.push([geometry(3), geometry(4), geometry(5)]);

@@ -14,7 +14,7 @@ use super::resolve::{Band, Resolver};
 use crate::chunk::{CHUNK, Chunk, Frustum};
 use crate::view::View;
 
-/// Frames with more Gaussians in view are made in slabs. A splat takes 84 bytes (96 with a normal), so these are 310 MB at most.
+/// Frames with more Gaussians in view are made in slabs. A splat takes 72 bytes (84 with a normal), so these are 264 MB at most.
 /// Up to here one slab is faster, because exact pixels share its splats with the low-resolution frame. The largest capture
 /// measured has 3.4 million Gaussians.
 pub const MOST_AT_ONCE: usize = 7 << 19;

@@ -48,24 +48,17 @@ pub struct Splat {
     pub color: [f32; 3],
     /// Upper bound of u² + v² on the support: log₂(255·opacity) plus a slack for rounding.
     pub support: f32,
-    /// The dy where the support has its largest dx; the smallest dx is at the negative dy.
-    pub dy_at_max_dx: f32,
-    /// 1 / l11.
-    pub inv_l11: f32,
     /// Pixels that may lie in the support.
     pub rect: PixelRect,
     /// View-space z, as bits that sort as unsigned integers (z is positive).
     pub depth_bits: u32,
-}
-
-/// Depth of a projected Gaussian (RaDe-GS, Zhang et al. 2024).
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub struct SplatDepth {
-    /// Distance along the ray at the centre, world units, and its change per pixel of dx, dy (d = mean − sample).
+    /// Distance along the ray at the centre, world units, and its change per pixel of dx, dy (RaDe-GS, Zhang et al. 2024); 0
+    /// unless asked for.
     pub ray_distance: f32,
     pub ray_plane: [f32; 2],
 }
+
+const _: () = assert!(size_of::<Splat>() == 64);
 
 /// Pixels `[x0, x1) × [y0, y1)` inside the image, counted from its first pixel, with the margin included
 /// ([`crate::view::View::before`]).
@@ -78,6 +71,14 @@ pub struct PixelRect {
 }
 
 impl Splat {
+    /// The dy where the support has its largest dx; the smallest dx is at the negative dy. On the support's edge, u² + v² is the
+    /// support r², and dx = (u − l21/l22·v)/l11 is largest at v = −r·l21/√(l21² + l22²).
+    #[inline(always)]
+    pub fn dy_at_max_dx(&self) -> f32 {
+        let squared = self.l21.mul_add(self.l21, self.l22 * self.l22);
+        -self.l21 / self.l22 * (self.support / squared).sqrt()
+    }
+
     /// First and last x of the support over sample rows `y0..=y1`, with a slack for rounding. Valid only if the
     /// support reaches these rows (Speedy-Splat's AccuTile, Hanson et al. 2025).
     ///
@@ -88,10 +89,11 @@ impl Splat {
         let (low, high) = (self.mean[1] - y1, self.mean[1] - y0);
         let edge = |dy: f32, side: f32| {
             let v = self.l22 * dy;
-            (side * (self.support - v * v).max(0.0).sqrt() - self.l21 * dy) * self.inv_l11
+            (side * (self.support - v * v).max(0.0).sqrt() - self.l21 * dy) / self.l11
         };
-        let right = edge(self.dy_at_max_dx.min(high).max(low), 1.0);
-        let left = edge((-self.dy_at_max_dx).min(high).max(low), -1.0);
+        let dy_at_max_dx = self.dy_at_max_dx();
+        let right = edge(dy_at_max_dx.min(high).max(low), 1.0);
+        let left = edge((-dy_at_max_dx).min(high).max(low), -1.0);
         let slack = SPAN_SLACK + SPAN_SLACK_PER_PIXEL * (right - left);
         [self.mean[0] - right - slack, self.mean[0] - left + slack]
     }
@@ -115,7 +117,7 @@ impl Splat {
         };
         let row = |edge: f32| {
             let dy = y - edge;
-            form((-self.l21 * dy * self.inv_l11).min(x - x0).max(x - x1), dy)
+            form((-self.l21 * dy / self.l11).min(x - x0).max(x - x1), dy)
         };
         // The slack covers rounding. One tile too many only costs time.
         let nearest = column(x0).min(column(x1)).min(row(y0)).min(row(y1));
