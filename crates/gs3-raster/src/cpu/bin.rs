@@ -269,6 +269,25 @@ fn for_each_tile(
 mod tests {
     use super::*;
 
+    /// Boxes meet no more tiles than the bound says, wherever they lie. The bound is at most five times as much.
+    #[test]
+    fn entries_have_a_bound() {
+        let (side, tile) = (200_u16, [32, 16]);
+        for (w, h) in [(1, 1), (2, 1), (31, 15), (32, 16), (33, 17), (34, 18), (65, 100), (200, 200)] {
+            let places = (0..=side - h).flat_map(|y| (0..=side - w).map(move |x| [x, y]));
+            let rects: Vec<PixelRect> =
+                places.map(|[x, y]| PixelRect { x0: x, y0: y, x1: x + w, y1: y + h }).collect();
+            let tiles = |rect: &PixelRect| {
+                let along = |from: u16, to: u16, side: u16| u64::from((to - 1) / side - from / side + 1);
+                along(rect.x0, rect.x1, 32) * along(rect.y0, rect.y1, 16)
+            };
+            let most = rects.iter().map(tiles).max().expect("one") * rects.len() as u64;
+            let bound = most_entries(&[Projected { rects, ..Projected::default() }], tile);
+            assert!(most <= bound, "{w}×{h}: {most} entries, bound {bound}");
+            assert!(bound <= most * 5, "{w}×{h}: {most} entries, bound {bound}");
+        }
+    }
+
     /// Parts cover all tiles in order. No part exceeds the entry limit, unless a single tile does.
     #[test]
     fn parts_have_room() {
