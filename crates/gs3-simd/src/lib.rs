@@ -8,6 +8,8 @@
 //! | `sse2`, `sse4.2`, `avx2`, `avx512` | x86: SSE2; x86-64-v2; x86-64-v3; AVX-512 as of Ice Lake |
 //! | `neon` | 64-bit ARM |
 //!
+//! [`prefetch`] is the same on every level.
+//!
 //! ```
 //! let level = gs3_simd::level();
 //! assert!(gs3_simd::levels().iter().any(|(name, _)| *name == gs3_simd::name(level)));

@@ -3,7 +3,7 @@
 /// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Asks the CPU to load `values` into the caches. This helps where a few cache lines each are read from many places:
+/// Asks the CPU to load `values` into the caches, in lines from their first byte on. This helps where a few cache lines each are read from many places:
 /// too few for the hardware to detect a stream. Does nothing if safe Rust has no such instruction for the
 /// architecture.
 #[inline(always)]

@@ -87,7 +87,7 @@ impl Bins {
     /// Parts of `grid`, in the order of their tiles. Each part has at most `most` entries or is one tile.
     pub fn parts(jobs: &[Projected], grid: &Grid, most: u64) -> Vec<Part> {
         let ([columns, rows], [width, height]) = (grid.tiles(), grid.tile_size());
-        if most_entries(jobs, [width, height]) <= most {
+        if bound_of_entries(jobs, [width, height]) <= most {
             return vec![Part { rows: 0..rows, columns: 0..columns }];
         }
         let span =
@@ -133,9 +133,9 @@ impl Bins {
     }
 }
 
-/// An upper bound of all entries for tiles of W×H pixels, from the splats' boxes: a box of w×h pixels meets at most (w/W + 2)·(h/H
-/// + 2) tiles.
-fn most_entries(jobs: &[Projected], [width, height]: [usize; 2]) -> u64 {
+/// Upper bound of the entries of all tiles, from the splats' boxes: a box of w×h pixels meets at most (w/W + 2)·(h/H + 2) tiles of
+/// W×H pixels.
+fn bound_of_entries(jobs: &[Projected], [width, height]: [usize; 2]) -> u64 {
     let [width, height] = [width as u64, height as u64];
     let of_job = |job: &Projected| {
         let [mut widths, mut heights, mut areas] = [0_u64; 3];
@@ -269,20 +269,22 @@ fn for_each_tile(
 mod tests {
     use super::*;
 
-    /// Boxes meet no more tiles than the bound says, wherever they lie. The bound is at most five times as much.
+    /// Boxes meet no more tiles than the bound says, wherever they lie. The bound is at most five times what boxes at the worst place
+    /// meet.
     #[test]
     fn entries_have_a_bound() {
-        let (side, tile) = (200_u16, [32, 16]);
+        let (side, [width, height]) = (200_u16, [32_u16, 16]);
         for (w, h) in [(1, 1), (2, 1), (31, 15), (32, 16), (33, 17), (34, 18), (65, 100), (200, 200)] {
             let places = (0..=side - h).flat_map(|y| (0..=side - w).map(move |x| [x, y]));
             let rects: Vec<PixelRect> =
                 places.map(|[x, y]| PixelRect { x0: x, y0: y, x1: x + w, y1: y + h }).collect();
             let tiles = |rect: &PixelRect| {
                 let along = |from: u16, to: u16, side: u16| u64::from((to - 1) / side - from / side + 1);
-                along(rect.x0, rect.x1, 32) * along(rect.y0, rect.y1, 16)
+                along(rect.x0, rect.x1, width) * along(rect.y0, rect.y1, height)
             };
             let most = rects.iter().map(tiles).max().expect("one") * rects.len() as u64;
-            let bound = most_entries(&[Projected { rects, ..Projected::default() }], tile);
+            let jobs = [Projected { rects, ..Projected::default() }];
+            let bound = bound_of_entries(&jobs, [width, height].map(usize::from));
             assert!(most <= bound, "{w}×{h}: {most} entries, bound {bound}");
             assert!(bound <= most * 5, "{w}×{h}: {most} entries, bound {bound}");
         }

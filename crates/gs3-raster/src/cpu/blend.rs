@@ -79,7 +79,7 @@ impl From<Rules> for BlendRules {
     }
 }
 
-/// How many splats ahead memory is prefetched: copying so many takes about as long as memory takes to answer, a hundred nanoseconds.
+/// How many splats ahead memory is prefetched: a splat is copied in about ten nanoseconds, and memory takes a hundred or more.
 const AHEAD: usize = 16;
 
 /// The state of a tile and its splats in order; one per thread, reused.

@@ -251,6 +251,7 @@ impl Scratch {
                 let job = &jobs[job];
                 let met = rows.native_tiles_met(job.rects[local], corner, grid.tile_size());
                 if met != 0 {
+                    // Splats are copied once all are found: by then memory has answered.
                     TileScratch::prefetch::<SAMPLES>(job, local);
                     self.met.push(met);
                     self.found.push(*id);

@@ -57,9 +57,9 @@ const SNAP: f32 = 1e-4;
 struct Extents {
     mean_x: [f32; RUN],
     mean_y: [f32; RUN],
+    l11: [f32; RUN],
     l21: [f32; RUN],
     l22: [f32; RUN],
-    l11: [f32; RUN],
     support: [f32; RUN],
     /// First and last sample of the rectangle.
     rect: [[f32; RUN]; 4],
@@ -87,9 +87,9 @@ impl Default for Cover {
             extents: Extents {
                 mean_x: zeros,
                 mean_y: zeros,
+                l11: zeros,
                 l21: zeros,
                 l22: zeros,
-                l11: zeros,
                 support: zeros,
                 rect: [zeros; 4],
             },
@@ -140,12 +140,13 @@ impl Cover {
         for start in (0..padded).step_by(16) {
             let mean_x = load(s, &e.mean_x, start);
             let mean_y = load(s, &e.mean_y, start);
+            let inv_l11 = 1.0 / load(s, &e.l11, start);
             let l21 = load(s, &e.l21, start);
             let l22 = load(s, &e.l22, start);
-            let inv_l11 = 1.0 / load(s, &e.l11, start);
             let support = load(s, &e.support, start);
-            let dy_left = l21 / l22 * (support / l21.mul_add(l21, l22 * l22)).sqrt();
-            let dy_right = zero - dy_left;
+            // As [`Splat::dy_at_max_dx`].
+            let dy_right = (zero - l21) / l22 * (support / l21.mul_add(l21, l22 * l22)).sqrt();
+            let dy_left = zero - dy_right;
             let (left, right) = (load(s, &e.rect[0], start), load(s, &e.rect[2], start));
             // Rows of samples in the rectangle.
             let top = (load(s, &e.rect[1], start) * per_pixel - SNAP).ceil();
@@ -223,9 +224,9 @@ impl Extents {
     fn set(&mut self, i: usize, splat: &Splat, corner: [f32; 2], rect_origin: [f32; 2]) {
         self.mean_x[i] = splat.mean[0] - corner[0];
         self.mean_y[i] = splat.mean[1] - corner[1];
+        self.l11[i] = splat.l11;
         self.l21[i] = splat.l21;
         self.l22[i] = splat.l22;
-        self.l11[i] = splat.l11;
         self.support[i] = splat.support;
         self.rect[0][i] = f32::from(splat.rect.x0) - rect_origin[0];
         self.rect[1][i] = f32::from(splat.rect.y0) - rect_origin[1];

@@ -80,9 +80,10 @@ pub struct ProjectInput<'a> {
     pub outputs: ProjectOutputs,
 }
 
-/// What is projected of each splat besides the splat.
+/// What is projected of each splat besides what blending its colour needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProjectOutputs {
+    /// [`Splat::ray_distance`] and [`Splat::ray_plane`].
     pub depths: bool,
     pub normals: bool,
     /// Places in the scene.
@@ -354,7 +355,7 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
     let [x0, y0, x1, y1] = [0, 1, 2, 3].map(|k| lanes.rect[k][lane] as u16);
     let rect = PixelRect { x0, y0, x1: x1 + 1, y1: y1 + 1 };
     let geometry = |k: usize| lanes.geometry[k][lane];
-    // Without depths the lanes stay as they began, 0.
+    // With neither depths nor normals, the lanes of geometry stay 0.
     out.splats.push(Splat {
         mean: [lanes.mean[0][lane], lanes.mean[1][lane]],
         l11: lanes.factor[0][lane],

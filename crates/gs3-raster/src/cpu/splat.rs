@@ -52,9 +52,9 @@ pub struct Splat {
     pub rect: PixelRect,
     /// View-space z, as bits that sort as unsigned integers (z is positive).
     pub depth_bits: u32,
-    /// Distance along the ray at the centre, world units, and its change per pixel of dx, dy (RaDe-GS, Zhang et al. 2024); 0
-    /// unless asked for.
+    /// Distance along the ray at the centre, world units (RaDe-GS, Zhang et al. 2024); 0 unless asked for.
     pub ray_distance: f32,
+    /// Change of that distance per pixel of dx and of dy, world units; 0 unless asked for.
     pub ray_plane: [f32; 2],
 }
 
@@ -71,11 +71,11 @@ pub struct PixelRect {
 }
 
 impl Splat {
-    /// The dy where the support has its largest dx; the smallest dx is at the negative dy. On the support's edge, u² + v² is the
+    /// The dy in pixels where the support has its largest dx; the smallest dx is at the negative dy. On the support's edge, u² + v² is the
     /// support r², and dx = (u − l21/l22·v)/l11 is largest at v = −r·l21/√(l21² + l22²).
     #[inline(always)]
     pub fn dy_at_max_dx(&self) -> f32 {
-        let squared = self.l21.mul_add(self.l21, self.l22 * self.l22);
+        let squared = self.l21 * self.l21 + self.l22 * self.l22;
         -self.l21 / self.l22 * (self.support / squared).sqrt()
     }
 
