@@ -3,9 +3,9 @@
 /// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Asks the CPU to load `values` into the caches, in lines from their first byte on. This helps where a few cache lines each are read from many places:
-/// too few for the hardware to detect a stream. Does nothing if safe Rust has no such instruction for the
-/// architecture.
+/// Asks the CPU to load `values` into the caches, in lines of 64 bytes from their first byte on. This helps where a few cache
+/// lines each are read from many places: too few for the hardware to detect a stream. Does nothing but on x86-64: safe Rust
+/// has no such instruction for other architectures.
 #[inline(always)]
 #[allow(unsafe_code, reason = "the intrinsic takes a raw pointer")]
 pub fn prefetch<T>(values: &[T]) {

@@ -258,6 +258,15 @@ mod tests {
         Splat { mean, l11, l22: l11, support: 1.0, rect, opacity: 1.0, ..Splat::default() }
     }
 
+    /// Numbers from 0 to the argument.
+    fn random_numbers() -> impl FnMut(f32) -> f32 {
+        let mut random = 1_u64;
+        move |most| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 40) as f32 / (1_u64 << 24) as f32 * most
+        }
+    }
+
     fn fill(
         level: Level,
         cover: &mut Cover,
@@ -294,13 +303,48 @@ mod tests {
         }
     }
 
+    /// The rightmost and leftmost points of slanted splats lie above or below their means.
+    #[test]
+    fn slanted_splats_are_listed_where_they_have_a_sample() {
+        let mut next = random_numbers();
+        for (pitch, (name, level)) in gs3_simd::levels().into_iter().flat_map(|of| [(1.0, of), (4.0, of)]) {
+            let rect = PixelRect { x0: 0, y0: 0, x1: 400, y1: 400 };
+            let splats: Vec<Splat> = (0..RUN)
+                .map(|_| Splat {
+                    mean: [64.0 + next(31.0 * pitch), 32.0 + next(15.0 * pitch)],
+                    l11: 0.1 + next(1.0),
+                    l21: next(4.0) - 2.0,
+                    l22: 0.1 + next(1.0),
+                    support: 1.0 + next(7.0),
+                    rect,
+                    ..Splat::default()
+                })
+                .collect();
+            let visited: Vec<u32> = (0..RUN as u32).collect();
+            let (corner, mut cover) = ([64.0, 32.0], Cover::default());
+            fill(level, &mut cover, &splats, &visited, &TileSamples { pitch, corner }, u32::MAX);
+            for b in 0..BLOCKS {
+                let listed: Vec<u32> = cover.of_block(b).collect();
+                let [column, row] = block_first(b);
+                for (k, splat) in splats.iter().enumerate() {
+                    let has_sample = (0..BLOCK * BLOCK).any(|i| {
+                        let dx = splat.mean[0] - corner[0] - (column + i % BLOCK) as f32 * pitch;
+                        let dy = splat.mean[1] - corner[1] - (row + i / BLOCK) as f32 * pitch;
+                        let (u, v) = (splat.l11 * dx + splat.l21 * dy, splat.l22 * dy);
+                        u * u + v * v <= splat.support
+                    });
+                    assert!(
+                        !has_sample || listed.contains(&(k as u32)),
+                        "{name}: splat {k} of block {b}, pitch {pitch}"
+                    );
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_splat_is_listed_where_it_has_a_sample_and_not_where_all_are_a_sample_away() {
-        let mut random = 1_u64;
-        let mut next = |most: f32| {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (random >> 40) as f32 / (1_u64 << 24) as f32 * most
-        };
+        let mut next = random_numbers();
         let levels = gs3_simd::levels();
         for (pitch, (name, level)) in levels.into_iter().flat_map(|of| [(1.0, of), (4.0, of)]) {
             let corner = [64.0, 32.0];

@@ -14,13 +14,13 @@ use super::resolve::{Band, Resolver};
 use crate::chunk::{CHUNK, Chunk, Frustum};
 use crate::view::View;
 
-/// Frames with more Gaussians in view are made in slabs. A splat takes 72 bytes (84 with a normal), so these are 264 MB (308 MB) at most.
-/// Up to here one slab is faster, because exact pixels share its splats with the low-resolution frame. The largest capture
+/// Frames with more Gaussians in view are made in slabs. A splat takes 72 bytes (84 with a normal), so these are 264 MB
+/// (308 MB) at most. Up to here one slab is faster, because exact pixels share its splats with the low-resolution frame. The largest capture
 /// measured has 3.4 million Gaussians.
 pub const MOST_AT_ONCE: usize = 7 << 19;
 
-/// Gaussians of a slab, about: 9 MB of splats (11 MB with normals). With twice as many, a native frame of 1920×1080 takes an eighth less time and
-/// 40 MB more (the four copies of `hqgarden` of docs/reliability.md).
+/// Gaussians of a slab, about: 9 MB of splats (11 MB with normals). With twice as many, a native frame of 1920×1080 takes an
+/// eighth less time and 40 MB more (the four copies of `hqgarden` of docs/reliability.md).
 pub const SLAB: usize = 1 << 17;
 
 /// A slab has at least one Gaussian for so many values of state, which are read and written for each slab: of larger frames the

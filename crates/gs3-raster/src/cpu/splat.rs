@@ -71,8 +71,8 @@ pub struct PixelRect {
 }
 
 impl Splat {
-    /// The dy in pixels where the support has its largest dx; the smallest dx is at the negative dy. On the support's edge, u² + v² is the
-    /// support r², and dx = (u − l21/l22·v)/l11 is largest at v = −r·l21/√(l21² + l22²).
+    /// The dy in pixels where the support has its largest dx; the smallest dx is at the negative dy. On the support's edge,
+    /// u² + v² is the support r², and dx = (u − l21/l22·v)/l11 is largest at v = −r·l21/√(l21² + l22²).
     #[inline(always)]
     pub fn dy_at_max_dx(&self) -> f32 {
         let squared = self.l21 * self.l21 + self.l22 * self.l22;
@@ -122,5 +122,38 @@ impl Splat {
         // The slack covers rounding. One tile too many only costs time.
         let nearest = column(x0).min(column(x1)).min(row(y0)).min(row(y1));
         nearest <= self.support * REACH_FACTOR + REACH_SLACK
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Over all rows the span is that of the support's edge, and over some rows it holds the edge's points there.
+    #[test]
+    fn spans_hold_the_edge_of_the_support() {
+        for (l11, l21, l22, support) in
+            [(0.5, 0.0, 0.5, 2.0), (0.3, 0.9, 0.2, 8.0), (0.3, -0.9, 0.2, 8.0), (1.5, 0.2, 0.1, 1.0)]
+        {
+            let splat = Splat { mean: [100.0, 50.0], l11, l21, l22, support, ..Splat::default() };
+            let edge: Vec<[f32; 2]> = (0..10_000)
+                .map(|k| {
+                    let (sin, cos) = (k as f32 / 10_000.0 * std::f32::consts::TAU).sin_cos();
+                    let (u, v) = (support.sqrt() * cos, support.sqrt() * sin);
+                    let dy = v / l22;
+                    [100.0 - (u - l21 * dy) / l11, 50.0 - dy]
+                })
+                .collect();
+            for (top, bottom) in [(-100.0, 200.0), (46.0, 49.0), (50.0, 50.5), (51.0, 54.0)] {
+                let inside = edge.iter().filter(|[_, y]| (top..=bottom).contains(y));
+                let [least, most] =
+                    inside.fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], [x, _]| [a.min(*x), b.max(*x)]);
+                let [left, right] = splat.x_span(top, bottom);
+                assert!(left <= least && right >= most, "{splat:?}, rows {top} to {bottom}");
+                if top < 0.0 {
+                    assert!(left > least - 0.02 && right < most + 0.02, "{splat:?}: {left} to {right}");
+                }
+            }
+        }
     }
 }
