@@ -35,8 +35,10 @@ pub(crate) fn count_remembered(past: &[(Camera, f32)], camera: &Camera, position
     fresh.max(past.len().min(LEAST_REMEMBERED - 1))
 }
 
-/// Number of past frames with exact blocks that are always remembered.
-const LEAST_BLOCK_FRAMES: usize = 4;
+/// Number of past frames with exact blocks that are always remembered. (Empirical, dB more than with four, frames 10 to 22:
+/// six gain 0.4 on `hqgarden_pan`, 0.1 on `demo` and `lacadiere_pan`, 0.0 on `flowers_drift` and `hqgarden_drift`, −0.1 on
+/// `fungi_drift`. Eight gain 0.1 more on hqgarden alone.)
+const LEAST_BLOCK_FRAMES: usize = 6;
 
 /// Distance that a corner of the picture, at the mean depth, has moved when a frame or its blocks are dropped, as a share of
 /// the picture's width. A splat's footprint changes as the splat moves in the picture, and sixteen samples of a block err
@@ -89,10 +91,10 @@ mod tests {
         let is_stale = |age: usize, then: &Camera| are_blocks_stale(age, then, 0.5, &at(0.0));
         assert!(!is_stale(15, &at(0.0)), "at rest all stay");
         // 3 % of 64 px are 1.92 px. With a focal length of 32.96 px: 0.1165 of the depth 2, and 1.6° at the corners.
-        assert!(!is_stale(5, &at(0.110)) && is_stale(5, &at(0.123)));
-        assert!(!is_stale(5, &turned(1.5)) && is_stale(5, &turned(1.75)));
-        assert!(!is_stale(4, &turned(40.0)), "the least");
-        assert!(is_stale(5, &turned(180.0)), "behind the camera");
+        assert!(!is_stale(7, &at(0.110)) && is_stale(7, &at(0.123)));
+        assert!(!is_stale(7, &turned(1.5)) && is_stale(7, &turned(1.75)));
+        assert!(!is_stale(6, &turned(40.0)), "the least");
+        assert!(is_stale(7, &turned(180.0)), "behind the camera");
     }
 
     #[test]

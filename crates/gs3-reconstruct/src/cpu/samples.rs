@@ -22,6 +22,16 @@ pub(crate) const EDGE_RATIO: f32 = 0.9;
 /// to 1 are alike within 0.2. At 160×90, where texture often looks like an edge, 1 loses 0.5 dB.)
 pub(crate) const CROSSING: f32 = 0.5;
 
+/// The same for the samples of exact blocks, with a pixel between samples. (Empirical, frames 10 to 22 of nine paths: 1 gains
+/// 0.1 to 0.15 dB over 0.5 on fungi and lacadiere, and loses at most 0.02 dB elsewhere. 2 gains up to 0.13 dB more there, and
+/// loses up to 0.1 dB on hqgarden.)
+pub(crate) const CROSSING_OF_BLOCKS: f32 = 1.0;
+
+/// Added to the column and to the row of the LR sample nearest to a block's middle, before both are rounded down. A block
+/// with its middle half-way between two samples takes the second one, however machines round. The samples' places are off
+/// by 1e-3 LR pixels at most: 2⁻²³ of 8192.
+pub(crate) const HALF_WAY: f32 = 2e-3;
+
 /// The layout of a frame's samples.
 #[derive(Clone, Debug, Default)]
 enum Layout {

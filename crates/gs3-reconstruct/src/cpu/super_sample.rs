@@ -329,7 +329,7 @@ impl SuperSampler {
             let mut newest = self.spare_of(true, &camera);
             (newest.camera, newest.age) = (camera, 0);
             newest.mean_inverse_depth = mean_inverse_depth;
-            newest.frame.fill_blocks(self.level, blocks, size);
+            newest.frame.fill_blocks(self.level, blocks, size, &self.past[0].frame, self.scale);
             self.past.insert(1, newest);
         }
     }
@@ -358,8 +358,9 @@ mod tests {
         let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
         let blocks = ExactBlocks { places: vec![[0, 0]], blocks: vec![ExactBlock::EMPTY] };
         let mut of_blocks = Past { age: 1, ..Past::empty(&camera) };
-        of_blocks.frame.fill_blocks(sampler.level, &blocks, camera.size());
-        let of_frame = Past { age: 2, ..Past::empty(&camera) };
+        let mut of_frame = Past { age: 2, ..Past::empty(&camera) };
+        of_frame.frame.fill(sampler.level, &GBuffer::zeroed(1, 1), 4).unwrap();
+        of_blocks.frame.fill_blocks(sampler.level, &blocks, camera.size(), &of_frame.frame, 4);
         for spare in [[of_blocks.clone(), of_frame.clone()], [of_frame.clone(), of_blocks.clone()]] {
             sampler.spare = spare.into();
             // A new frame has age 0.

@@ -260,7 +260,7 @@ mod tests {
         assert!(history.begin(1, &camera, Some(5)).is_empty());
     }
 
-    /// Blocks older than four frames are forgotten once the picture has moved. All blocks are forgotten with the LR frames of their
+    /// Blocks older than six frames are forgotten once the picture has moved. All blocks are forgotten with the LR frames of their
     /// age.
     #[test]
     fn blocks_are_forgotten_by_how_far_the_picture_has_moved() {
@@ -281,20 +281,20 @@ mod tests {
             }
             !history.begin(0, &camera(next), Some(oldest)).is_empty()
         };
-        let turning = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0];
+        let turning = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0];
         assert!(
-            [1, 4, 5, 15].map(|age| is_known(&[0.0; 15][..age], 0.0, 15)) == [true; 4],
+            [1, 6, 7, 15].map(|age| is_known(&[0.0; 15][..age], 0.0, 15)) == [true; 4],
             "at rest all stay"
         );
         assert_eq!(
-            [1, 4, 5, 6].map(|age| is_known(&turning[..age], turning[age], 15)),
+            [1, 6, 7, 8].map(|age| is_known(&turning[..age], turning[age], 15)),
             [true, true, false, false]
         );
-        assert!(!is_known(&turning[..6], 0.0, 15), "what is forgotten stays forgotten");
+        assert!(!is_known(&turning[..8], 0.0, 15), "what is forgotten stays forgotten");
         assert_eq!([3, 4].map(|age| is_known(&[0.0; 15][..age], 0.0, 3)), [true, false]);
-        // Frames of unknown depth get the depth of the next frame with a known depth. The camera walks a quarter of the depth
-        // in five steps.
-        let walking = |depths: [f32; 5]| {
+        // Frames of unknown depth get the depth of the next frame with a known depth. The camera walks a third of the depth
+        // in seven steps.
+        let walking = |depths: [f32; 7]| {
             let mut history = BlockHistory::new(&plan);
             let at = |frame: usize| {
                 let pose = glam::DAffine3::from_translation(glam::DVec3::new(-0.1 * frame as f64, 0.0, 0.0));
@@ -306,10 +306,10 @@ mod tests {
                 history.record();
                 history.commit(&at(frame), mean_inverse_depth, oldest);
             }
-            !history.begin(0, &at(5), Some(15)).is_empty()
+            !history.begin(0, &at(7), Some(15)).is_empty()
         };
-        assert!(walking([0.0; 5]), "nothing is known");
-        assert!(!walking([0.5; 5]) && !walking([0.0, 0.0, 0.5, 0.5, 0.5]));
+        assert!(walking([0.0; 7]), "nothing is known");
+        assert!(!walking([0.5; 7]) && !walking([0.0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5]));
         // A frame recorded again after its blocks have taken all layers counts the blocks before as in use.
         let (mut history, camera) = (BlockHistory::new(&plan), camera(0.0));
         for oldest in [None, Some(1)] {

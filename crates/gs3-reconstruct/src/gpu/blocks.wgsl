@@ -36,6 +36,22 @@ fn nearest_in_block(first: u32, corner: vec2<u32>, at: vec2<u32>) -> f32 {
     return near;
 }
 
+// The largest inverse depth of nine samples of the current LR frame: the sample nearest to the middle of the block of `corner`,
+// and the samples around that one.
+fn nearest_around_block(corner: vec2<u32>) -> f32 {
+    let last = frame.past[0].extent - 1u;
+    let middle = vec2<f32>(corner + BLOCK_SIDE / 2u) * (1.0 / f32(frame.scale));
+    let nearest = min(vec2<u32>(max(middle - frame.past[0].offset + HALF_WAY, vec2(0.0))), last);
+    let first = max(nearest, vec2(1u)) - 1u;
+    var near = 0.0;
+    for (var y = first.y; y <= min(nearest.y + 1u, last.y); y++) {
+        for (var x = first.x; x <= min(nearest.x + 1u, last.x); x++) {
+            near = max(near, bitcast<f32>(samples_a[newest() + y * frame.padded.x + x].x));
+        }
+    }
+    return near;
+}
+
 @compute @workgroup_size(GROUP)
 fn remember_blocks(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let index = group_index(workgroup) * GROUP + lane;
@@ -58,7 +74,7 @@ fn remember_blocks(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_i
     let color = exact_samples[index];
     let dx = exact_samples[samples + index].xyz;
     let dy = exact_samples[2u * samples + index].xyz;
-    let near = nearest_in_block(index - index % BLOCK_PIXELS, corner, at);
+    let near = max(nearest_in_block(index - index % BLOCK_PIXELS, corner, at), nearest_around_block(corner));
     let id = frame.first_of_blocks + to * BLOCK_PIXELS + index % BLOCK_PIXELS;
-    write_sample(id, color.xyz, dx, dy, inverse_depth(color.w), near);
+    write_sample(id, color.xyz, dx, dy, inverse_depth(color.w), near, CROSSING_OF_BLOCKS);
 }

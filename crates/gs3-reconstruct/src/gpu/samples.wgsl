@@ -35,5 +35,5 @@ fn remember(@builtin(global_invocation_id) at: vec3<u32>) {
     let per = 1.0 / f32(frame.scale);
     let dx = dx_median[i].xyz * per;
     let dy = dy_expected[i].xyz * per;
-    write_sample(newest() + i, color_alpha[i].xyz, dx, dy, inverse_depth(dx_median[i].w), nearest_around(at.xy));
+    write_sample(newest() + i, color_alpha[i].xyz, dx, dy, inverse_depth(dx_median[i].w), nearest_around(at.xy), CROSSING);
 }

@@ -56,6 +56,8 @@ fn write_sample() -> String {
     let numbers = constants(&[
         ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
         ("CROSSING", crate::cpu::samples::CROSSING),
+        ("CROSSING_OF_BLOCKS", crate::cpu::samples::CROSSING_OF_BLOCKS),
+        ("HALF_WAY", crate::cpu::samples::HALF_WAY),
     ]);
     joined(&[&numbers, &halves(), PACK_SAMPLE, include_str!("write_sample.wgsl")])
 }
@@ -98,6 +100,8 @@ pub fn splat() -> String {
         ("HIDDEN", rectification::HIDDEN),
         ("NOISE", tile::NOISE),
         ("AGING", splat::AGING),
+        ("AGING_OF_BLOCKS", splat::AGING_OF_BLOCKS),
+        ("ALIKE", splat::ALIKE),
         ("PER_FRAME", splat::PER_FRAME),
         ("MAX_NOISE", splat::MAX_NOISE),
         ("DEPTH_TOLERANCE", rectification::DEPTH_TOLERANCE),

@@ -136,13 +136,15 @@ fn splat_color(@builtin(global_invocation_id) at: vec3<u32>) {
     // A sample that does not move keeps its exact value. Only motion (0 at rest, towards 1 for a pixel or more) gives
     // weight to staleness and rectification.
     let motion = moved2 / (moved2 + 1.0);
-    let noise = fma(fma(staleness, AGING, variance), motion, NOISE);
+    let is_of_block = id >= frame.first_of_blocks;
+    let aging = select(AGING, AGING_OF_BLOCKS, is_of_block);
+    let noise = fma(fma(staleness, aging, variance * select(1.0, ALIKE, is_of_block)), motion, NOISE);
     if !(noise <= MAX_NOISE) {
         return;
     }
     let corner = vec2<u32>(vec2<i32>(first) + vec2<i32>(i32(COLUMNS) - 1, i32(ROWS) - 1));
     let cell = corner.y * cell_columns() + corner.x;
     places[id] = to;
-    landed[id] = vec2((bitcast<u32>(noise) & ~OF_BLOCK) | select(0u, OF_BLOCK, id >= frame.first_of_blocks), cell);
+    landed[id] = vec2((bitcast<u32>(noise) & ~OF_BLOCK) | select(0u, OF_BLOCK, is_of_block), cell);
     atomicAdd(&cell_counts[cell], 1u);
 }

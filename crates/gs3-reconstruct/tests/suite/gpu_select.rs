@@ -6,7 +6,7 @@ use gs3_reconstruct::{BlockBudget, Kriging, ResetReason, SuperSampler, select_bl
 use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Size, block_grid};
 use gs3_test_support::psnr;
 
-use crate::common::{camera, grid_jitter, wall_and_post};
+use crate::common::{World, camera, grid_jitter, wall_and_post};
 use crate::gpu::{FLOOR, Sampler, gpu};
 use crate::refine::exact_blocks;
 
@@ -137,19 +137,26 @@ fn super_sample_with(
 /// The history of a device remembers exact blocks as the CPU's does, while the camera moves.
 #[test]
 fn exact_blocks_are_remembered_as_on_the_cpu() {
-    remember_blocks(0.004);
+    remember_blocks(&wall_and_post(60.0), 0.004);
+}
+
+/// The same with a post with an edge of several pixels, which reaches into blocks of the wall and moves away from them.
+#[test]
+fn exact_blocks_beside_soft_edges_are_remembered_as_on_the_cpu() {
+    let mut world = wall_and_post(60.0);
+    world.sheets[0].softness = 0.03;
+    remember_blocks(&world, 0.008);
 }
 
 /// The same at rest, where samples lie on whole pixels.
 #[test]
 fn exact_blocks_are_remembered_at_rest_as_on_the_cpu() {
-    remember_blocks(0.0);
+    remember_blocks(&wall_and_post(60.0), 0.0);
 }
 
 /// `step` is the camera's way from frame to frame.
-fn remember_blocks(step: f64) {
+fn remember_blocks(world: &World, step: f64) {
     let Some(gpu) = gpu() else { return };
-    let world = wall_and_post(60.0);
     // No multiple of a block's side along y.
     let size = Size::new(240, 134);
     for scale in [2, 4, 8] {
@@ -166,7 +173,7 @@ fn remember_blocks(step: f64) {
             cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
             // In columns that the camera carries no older block to: the CPU would forget the older block.
             let is_chosen = |x: usize, y: usize| x % 8 == 2 * k && y % 4 == k % 4;
-            let blocks = exact_blocks(&world, &pose(k), places(size, is_chosen));
+            let blocks = exact_blocks(world, &pose(k), places(size, is_chosen));
             let without = forgetful.super_sample(&pose(k), &gbuffer).0;
             let image = super_sample_with(&gpu, &mut device, (&pose(k), &gbuffer), &blocks);
             let [found, without] = [&image, &without].map(|image| psnr(image, &expected));

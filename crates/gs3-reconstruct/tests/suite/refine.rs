@@ -207,7 +207,7 @@ fn a_resting_camera_becomes_native_sooner_and_needs_no_more() {
 
 /// A block of each frame, where no other block is. The camera only turns, by 3 % of the picture's width in four frames.
 #[test]
-fn blocks_are_forgotten_after_four_frames_of_a_turn_and_not_at_rest() {
+fn blocks_are_forgotten_after_six_frames_of_a_turn_and_not_at_rest() {
     let world = wall_and_post(60.0);
     let remembered = |turn: f64| {
         let mut run = Run::new(&world);
@@ -219,7 +219,7 @@ fn blocks_are_forgotten_after_four_frames_of_a_turn_and_not_at_rest() {
         run.sampler.remembered_blocks()
     };
     assert_eq!(remembered(0.0), 12);
-    assert_eq!(remembered(0.01), 5, "the last frame's, and those of four frames before");
+    assert_eq!(remembered(0.01), 7, "the last frame's, and those of six frames before");
 }
 
 #[test]

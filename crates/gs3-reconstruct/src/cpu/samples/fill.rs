@@ -5,7 +5,7 @@ use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin,
 use rayon::prelude::*;
 
 use super::chunk::{Chunk, DX, DY, Extent};
-use super::{BLOCKS_PER_ROW, CROSSING, EDGE_RATIO, Layout, SampleFrame};
+use super::{BLOCKS_PER_ROW, CROSSING, CROSSING_OF_BLOCKS, EDGE_RATIO, HALF_WAY, Layout, SampleFrame};
 use crate::cpu::lanes::{CHUNK, load};
 use crate::error::ReconstructError;
 use crate::reprojection::inverse_depth_16;
@@ -41,8 +41,9 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Copies exact blocks of a picture of size `picture`. Memory is reused.
-    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size) {
+    /// Copies exact blocks of a picture of size `picture`. `lr` is the LR frame of the same camera, `scale` times coarser.
+    /// Memory is reused.
+    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size, lr: &Self, scale: u32) {
         let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
         let corners: Vec<_> = blocks.places.iter().map(corner).collect();
         let counts = corners.chunks(BLOCKS_PER_ROW).map(<[_]>::len).collect();
@@ -51,18 +52,36 @@ impl SampleFrame {
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
         self.displacements.clear();
         // Written by all threads: one alone takes long to touch the new pages of a frame that is exact as a whole.
-        let chunks = blocks.blocks.par_iter().with_min_len(64).map(|block| {
+        let blocks = blocks.places.par_iter().zip(&blocks.blocks).with_min_len(64);
+        let chunks = blocks.map(|(place, block)| {
             let mut chunk = Chunk::EMPTY;
-            let extent = dispatch!(level, simd => fill_block(simd, block, &mut chunk));
+            let around = lr.nearest_around(*place, scale);
+            let extent = dispatch!(level, simd => fill_block(simd, block, around, &mut chunk));
             (chunk, extent)
         });
         chunks.unzip_into_vecs(&mut self.chunks, &mut self.extents);
     }
+
+    /// The largest inverse depth of nine samples of this LR frame: the sample nearest to the middle of the block at `place`,
+    /// and the samples around that one.
+    fn nearest_around(&self, place: [u16; 2], scale: u32) -> f32 {
+        let offset = self.offset();
+        let last = [self.width, self.height].map(|count| count - 1);
+        let [columns, rows] = [0, 1].map(|a| {
+            let middle = (usize::from(place[a]) * BLOCK_SIDE + BLOCK_SIDE / 2) as f32;
+            // A margin puts sample 0 before the picture. Beyond the last sample, the last one is taken.
+            let nearest = ((middle / scale as f32 - offset[a] + HALF_WAY) as usize).min(last[a]);
+            nearest.saturating_sub(1)..=(nearest + 1).min(last[a])
+        });
+        let depths = rows.flat_map(|y| columns.clone().map(move |x| self.inverse_depth(x, y)));
+        depths.fold(0.0, f32::max)
+    }
 }
 
-/// Fills the chunk of an exact block.
+/// Fills the chunk of an exact block. `around` is the largest inverse depth of the LR samples around the block: a surface that
+/// begins beside the block has an edge that may reach into the block.
 #[inline(always)]
-fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent {
+fn fill_block<S: Simd>(simd: S, block: &ExactBlock, around: f32, chunk: &mut Chunk) -> Extent {
     let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
     let depths = here.to_array();
     // The nearest of the pixels around each pixel, within the block.
@@ -75,7 +94,7 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
             }
         }
     }
-    let near = f32x16::load_array(simd, near);
+    let near = f32x16::load_array(simd, near).max(around);
     let planes = |c: usize| {
         [
             f32x16::load_array_ref(simd, &block.color[c]),
@@ -83,17 +102,18 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, chunk: &mut Chunk) -> Extent
             f32x16::load_array_ref(simd, &block.color_dy[c]),
         ]
     };
-    fill_chunk(simd, planes, here, near, mask32x16::splat(simd, true), chunk)
+    fill_chunk(simd, planes, here, near, CROSSING_OF_BLOCKS, mask32x16::splat(simd, true), chunk)
 }
 
 /// Fills a chunk. `planes` gives colour and derivatives per HR pixel of a channel; `here` has inverse depths, `near` the largest of
-/// the samples around each. A lane outside `is_sample` has no sample.
+/// the samples around each. `crossing` is [`CROSSING`] or [`CROSSING_OF_BLOCKS`]. A lane outside `is_sample` has no sample.
 #[inline(always)]
 fn fill_chunk<S: Simd>(
     simd: S,
     planes: impl Fn(usize) -> [f32x16<S>; 3],
     here: f32x16<S>,
     near: f32x16<S>,
+    crossing: f32,
     is_sample: mask32x16<S>,
     chunk: &mut Chunk,
 ) -> Extent {
@@ -109,7 +129,7 @@ fn fill_chunk<S: Simd>(
         chunk.set_samples(DY + c, dy);
     }
     chunk.set_plane(0, here);
-    let change = (near - here) * CROSSING * squares.sqrt();
+    let change = (near - here) * crossing * squares.sqrt();
     chunk.set_plane(1, here.simd_lt(near * EDGE_RATIO).select(change, zero));
     let far = is_sample.select(here, f32x16::splat(simd, f32::INFINITY)).reduce_min();
     let near = here.reduce_max();
@@ -165,6 +185,6 @@ impl SamplePlanes<'_> {
         };
         let column = |k: usize| f32x16::from_slice(simd, &nearest[first + k..][..CHUNK]);
         let near = column(0).max(column(1)).max(column(2));
-        fill_chunk(simd, planes, here, near, is_sample, chunk)
+        fill_chunk(simd, planes, here, near, CROSSING, is_sample, chunk)
     }
 }

@@ -1,6 +1,6 @@
 //! What chunks hold, compared with the G-buffer that they are made from.
 
-use gs3_scene::{GBuffer, Geometry, Gradients};
+use gs3_scene::{ExactBlock, ExactBlocks, GBuffer, Geometry, Gradients, Size};
 
 use super::*;
 use crate::error::ReconstructError;
@@ -77,5 +77,37 @@ fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
     }
     let bare = Some([0.25; 3]);
     assert_eq!(frame.extents(2).iter().map(|extent| extent.bare).collect::<Vec<_>>(), [bare, bare]);
+    Ok(())
+}
+
+/// A surface at inverse depth 1 in one LR sample, before a background at infinity. Blocks beside the sample know of the surface's
+/// edge, others do not.
+#[test]
+fn blocks_know_of_edges_beside_them() -> Result<(), ReconstructError> {
+    let (scale, picture, near) = (4, Size::new(48, 32), [5, 3]);
+    let margin = Margin { left: 2, top: 1, right: 1, bottom: 0 };
+    for (jitter, margin) in [([-0.375, 0.375], Margin::NONE), ([0.125, -0.125], margin)] {
+        let lr = margin.padded(Size::new(12, 8)).to_usize();
+        let mut gbuffer = GBuffer { jitter, margin, ..GBuffer::zeroed(lr[0], lr[1]) };
+        let at = (near[1] + margin.top as usize) * lr[0] + near[0] + margin.left as usize;
+        if let Some(geometry) = &mut gbuffer.geometry {
+            geometry.depth_median.data_mut()[at] = 1.0;
+        }
+        let (mut frame, mut of_blocks) = (SampleFrame::default(), SampleFrame::default());
+        frame.fill(gs3_simd::level(), &gbuffer, scale)?;
+        // The norm of all derivatives is 5.
+        let slopes = [[3.0; CHUNK], [4.0; CHUNK], [0.0; CHUNK]];
+        let block = ExactBlock { color_dx: slopes, ..ExactBlock::EMPTY };
+        let places: Vec<[u16; 2]> = (0..8).flat_map(|y| (0..12).map(move |x| [x, y])).collect();
+        let blocks = ExactBlocks { blocks: vec![block; places.len()], places };
+        of_blocks.fill_blocks(gs3_simd::level(), &blocks, picture, &frame, scale);
+        for (k, [x, y]) in blocks.places.iter().enumerate() {
+            // At scale 4 a block lies around one LR sample.
+            let is_beside = usize::from(*x).abs_diff(near[0]) <= 1 && usize::from(*y).abs_diff(near[1]) <= 1;
+            let expected = if is_beside { 5.0 * CROSSING_OF_BLOCKS } else { 0.0 };
+            let chunk = of_blocks.chunk(k / BLOCKS_PER_ROW, k % BLOCKS_PER_ROW);
+            assert_eq!(*chunk.edge_slopes(), [expected; CHUNK], "block {x}, {y}, jitter {jitter:?}");
+        }
+    }
     Ok(())
 }
