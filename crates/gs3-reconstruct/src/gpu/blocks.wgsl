@@ -37,7 +37,7 @@ fn nearest_in_block(first: u32, corner: vec2<u32>, at: vec2<u32>) -> f32 {
 }
 
 // The largest inverse depth of nine samples of the current LR frame: the sample nearest to the middle of the block of `corner`,
-// and the samples around that one.
+// and the samples around that one. From scale 4 on they surround the block.
 fn nearest_around_block(corner: vec2<u32>) -> f32 {
     let last = frame.past[0].extent - 1u;
     let middle = vec2<f32>(corner + BLOCK_SIDE / 2u) * (1.0 / f32(frame.scale));

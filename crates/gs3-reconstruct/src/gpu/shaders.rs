@@ -57,7 +57,6 @@ fn write_sample() -> String {
         ("EDGE_RATIO", crate::cpu::samples::EDGE_RATIO),
         ("CROSSING", crate::cpu::samples::CROSSING),
         ("CROSSING_OF_BLOCKS", crate::cpu::samples::CROSSING_OF_BLOCKS),
-        ("HALF_WAY", crate::cpu::samples::HALF_WAY),
     ]);
     joined(&[&numbers, &halves(), PACK_SAMPLE, include_str!("write_sample.wgsl")])
 }
@@ -69,7 +68,7 @@ fn block_corners() -> String {
 
 /// The current frame's exact blocks into the history: entry `remember_blocks`.
 pub fn blocks() -> String {
-    let group = constants(&[("GROUP", GROUP)]);
+    let group = constants(&[("GROUP", GROUP)]) + &constants(&[("HALF_WAY", crate::cpu::samples::HALF_WAY)]);
     let shared = [group, block_corners(), grid_source(), reprojection(), write_sample()].concat();
     joined(&[&shared, FRAME, include_str!("blocks.wgsl")])
 }

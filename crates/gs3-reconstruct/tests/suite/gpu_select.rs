@@ -159,7 +159,7 @@ fn remember_blocks(world: &World, step: f64) {
     let Some(gpu) = gpu() else { return };
     // No multiple of a block's side along y.
     let size = Size::new(240, 134);
-    for scale in [2, 4, 8] {
+    for scale in [2, 3, 4, 8] {
         let pose = |k: usize| {
             let t = step * k as f64;
             camera(size.width, size.height, [t, 0.3 * t, 0.2 * t], 0.1 * t, -0.05 * t)
@@ -211,7 +211,7 @@ fn frames_are_forgotten_in_motion_as_on_the_cpu() {
         cpu.super_sample(&pose(k), &gbuffer, &mut expected).unwrap();
         without.super_sample(&pose(k), &gbuffer, &mut unforgotten).unwrap();
         // In rows of their own, and far from the edges: the CPU forgets older blocks at the same places, and blocks that leave
-        // the picture. Every second frame has none, so the layers of a device hold the blocks of the last four frames.
+        // the picture. Every second frame has none, so the four layers of a device hold the blocks of the last six frames.
         let is_chosen = |x: usize, y: usize| k % 2 == 0 && (18..42).contains(&x) && y > 3 && y % 14 == k;
         let blocks = exact_blocks(&world, &pose(k), places(size, is_chosen));
         let image = super_sample_with(&gpu, &mut device, (&pose(k), &gbuffer), &blocks);

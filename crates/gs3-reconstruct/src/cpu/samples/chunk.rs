@@ -36,9 +36,9 @@ impl Chunk {
     /// Colour change, per HR pixel of parallax at depth 1, of a sample beside a nearer surface. Such a sample may contain
     /// part of the nearer surface's edge, which moves away from the sample. The value is the inverse depth of the nearest
     /// of the eight samples around the sample, less the sample's own, times [`CROSSING`](super::CROSSING) and the norm of
-    /// all derivatives of the sample; 0 where no neighbour is nearer. Neighbours of an exact block's sample are the samples
-    /// around it in the block, and the LR samples around the block;
-    /// [`CROSSING_OF_BLOCKS`](super::CROSSING_OF_BLOCKS) is the factor.
+    /// all derivatives of the sample; 0 where no neighbour is nearer by [`EDGE_RATIO`](super::EDGE_RATIO). For a sample of an
+    /// exact block, the neighbours are the block's samples around the sample and nine LR samples around the block's middle,
+    /// and [`CROSSING_OF_BLOCKS`](super::CROSSING_OF_BLOCKS) is the factor.
     #[inline(always)]
     pub fn edge_slopes(&self) -> &[f32; CHUNK] {
         self.plane(1)

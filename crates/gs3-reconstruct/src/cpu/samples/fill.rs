@@ -41,9 +41,10 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Copies exact blocks of a picture of size `picture`. `lr` is the LR frame of the same camera, `scale` times coarser.
-    /// Memory is reused.
+    /// Copies exact blocks of a picture of size `picture`. `lr` is the LR frame (no blocks) of the same camera, `scale`
+    /// times coarser. Memory is reused.
     pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size, lr: &Self, scale: u32) {
+        debug_assert!(!lr.is_blocks(), "expected an LR frame");
         let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
         let corners: Vec<_> = blocks.places.iter().map(corner).collect();
         let counts = corners.chunks(BLOCKS_PER_ROW).map(<[_]>::len).collect();
@@ -63,13 +64,14 @@ impl SampleFrame {
     }
 
     /// The largest inverse depth of nine samples of this LR frame: the sample nearest to the middle of the block at `place`,
-    /// and the samples around that one.
+    /// and the samples around that one. From scale 4 on they surround the block.
     fn nearest_around(&self, place: [u16; 2], scale: u32) -> f32 {
         let offset = self.offset();
         let last = [self.width, self.height].map(|count| count - 1);
         let [columns, rows] = [0, 1].map(|a| {
             let middle = (usize::from(place[a]) * BLOCK_SIDE + BLOCK_SIDE / 2) as f32;
-            // A margin puts sample 0 before the picture. Beyond the last sample, the last one is taken.
+            // Before the first sample, the first one is taken (the conversion turns negative numbers into 0), and beyond the
+            // last sample the last one.
             let nearest = ((middle / scale as f32 - offset[a] + HALF_WAY) as usize).min(last[a]);
             nearest.saturating_sub(1)..=(nearest + 1).min(last[a])
         });

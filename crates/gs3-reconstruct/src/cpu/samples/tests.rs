@@ -84,12 +84,18 @@ fn chunks_hold_what_the_gbuffer_says() -> Result<(), ReconstructError> {
 /// edge, others do not.
 #[test]
 fn blocks_know_of_edges_beside_them() -> Result<(), ReconstructError> {
-    let (scale, picture, near) = (4, Size::new(48, 32), [5, 3]);
     let margin = Margin { left: 2, top: 1, right: 1, bottom: 0 };
-    for (jitter, margin) in [([-0.375, 0.375], Margin::NONE), ([0.125, -0.125], margin)] {
-        let lr = margin.padded(Size::new(12, 8)).to_usize();
-        let mut gbuffer = GBuffer { jitter, margin, ..GBuffer::zeroed(lr[0], lr[1]) };
-        let at = (near[1] + margin.top as usize) * lr[0] + near[0] + margin.left as usize;
+    // At scale 4 a block lies around one LR sample. At scale 3, with jitter 0, the middle of block 1 is half-way between the
+    // samples 1 and 2, and counts as beside sample 2.
+    let own = |block: [u16; 2]| block.map(usize::from);
+    let third = |block: [u16; 2]| block.map(|k| (f64::from(4 * k + 2) / 3.0 + 1e-6) as usize);
+    let of_four = [([5, 3], Margin::NONE), ([0, 0], margin), ([11, 7], margin)];
+    let of_four = of_four.map(|(near, margin)| (4, [-0.375, 0.125], near, margin, Size::new(12, 8)));
+    let of_three = (3, [0.0; 2], [3, 2], Margin::NONE, Size::new(16, 11));
+    for (scale, jitter, near, margin, lr) in of_four.into_iter().chain([of_three]) {
+        let padded = margin.padded(lr).to_usize();
+        let mut gbuffer = GBuffer { jitter, margin, ..GBuffer::zeroed(padded[0], padded[1]) };
+        let at = (near[1] + margin.top as usize) * padded[0] + near[0] + margin.left as usize;
         if let Some(geometry) = &mut gbuffer.geometry {
             geometry.depth_median.data_mut()[at] = 1.0;
         }
@@ -100,13 +106,13 @@ fn blocks_know_of_edges_beside_them() -> Result<(), ReconstructError> {
         let block = ExactBlock { color_dx: slopes, ..ExactBlock::EMPTY };
         let places: Vec<[u16; 2]> = (0..8).flat_map(|y| (0..12).map(move |x| [x, y])).collect();
         let blocks = ExactBlocks { blocks: vec![block; places.len()], places };
-        of_blocks.fill_blocks(gs3_simd::level(), &blocks, picture, &frame, scale);
-        for (k, [x, y]) in blocks.places.iter().enumerate() {
-            // At scale 4 a block lies around one LR sample.
-            let is_beside = usize::from(*x).abs_diff(near[0]) <= 1 && usize::from(*y).abs_diff(near[1]) <= 1;
+        of_blocks.fill_blocks(gs3_simd::level(), &blocks, Size::new(48, 32), &frame, scale);
+        for (k, place) in blocks.places.iter().enumerate() {
+            let nearest = if scale == 4 { own(*place) } else { third(*place) };
+            let is_beside = (0..2).all(|a| nearest[a].abs_diff(near[a]) <= 1);
             let expected = if is_beside { 5.0 * CROSSING_OF_BLOCKS } else { 0.0 };
             let chunk = of_blocks.chunk(k / BLOCKS_PER_ROW, k % BLOCKS_PER_ROW);
-            assert_eq!(*chunk.edge_slopes(), [expected; CHUNK], "block {x}, {y}, jitter {jitter:?}");
+            assert_eq!(*chunk.edge_slopes(), [expected; CHUNK], "x{scale}, block {place:?}, near {near:?}");
         }
     }
     Ok(())
