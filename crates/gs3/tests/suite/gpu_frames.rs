@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use gs3::compute::{Allocations, Gpu, GpuSettings, OptionalFeatures, device_for_tests, skip_without_gpu};
 use gs3::neural::model::{Tier, interpolate};
-use gs3::neural::{Header, Weights};
+use gs3::neural::{Arithmetic, Header, Weights};
 use gs3::reconstruct::{Interpolator, Kriging, Neighbor, SuperSampler};
 use gs3::scene::camera_path::{CameraPath, pose_between};
 use gs3::scene::{Camera, GBuffer, Image, Scene, capture, demo};
@@ -277,7 +277,8 @@ fn frames_between_are_refined_as_on_the_cpu() {
             (Tier::Fast.channels(), Tier::Fast.channels() + Tier::Fast.hidden_channels());
         let head = weights.arrays.get_mut("head.color.weight").unwrap();
         head.values_mut().chunks_mut(inputs).flat_map(|row| &mut row[features..]).for_each(|w| *w *= state);
-        Networks { interpolate: Some(Arc::new(weights)), ..Networks::default() }
+        // Processors with AMX or AVX-512 BF16 would round to bf16, which devices do not.
+        Networks { interpolate: Some(Arc::new(weights)), arithmetic: Arithmetic::F32, ..Networks::default() }
     };
     for (name, scene, path) in scenes(256, 144) {
         let (state, floor) = if name == "demo" { (16.0, 60.0) } else { (1.0, 48.0) };
