@@ -10,8 +10,8 @@ const LEAST_REMEMBERED: usize = 4;
 
 /// Distance of a camera from the current one at which its frame is dropped, as a share of the mean depth: 6° around the
 /// scene. (Empirical, with 6 % of the pixels exact, frames 10 to 22: 0.05, 0.07, 0.1, 0.14 give 36.61, 36.86, 37.02, 37.02 dB on
-/// the demo's orbit at 1280×720, and 32.58, 32.58, 32.65, 32.47 dB on `flowers_orbit`. With 0.1 instead of 0.07 super sampling
-/// takes 6 and 17 % longer. Drifts, slow dollies and pans reach none of these distances.)
+/// the demo's orbit at 1280×720, and 32.58, 32.58, 32.65, 32.47 dB on `flowers_orbit`. With 0.1 instead of 0.07, and
+/// four frames of blocks, super sampling takes 6 and 17 % longer, frames 1 to 30. Drifts, slow dollies and pans reach none of these distances.)
 const MOST_VIEW_CHANGE: f32 = 0.1;
 
 /// The jitter's positions over the LR frames that stay when the picture has moved, the current frame included. A view that has
@@ -42,9 +42,9 @@ const LEAST_BLOCK_FRAMES: usize = 6;
 
 /// Distance that a corner of the picture, at the mean depth, has moved when a frame or its blocks are dropped, as a share of
 /// the picture's width. A splat's footprint changes as the splat moves in the picture, and sixteen samples of a block err
-/// alike, so the few newer samples around them do not outweigh them. (Empirical, with at least four frames of blocks, dB more than with all blocks of sixteen
-/// frames, frames 1 to 33 of `fungi_drift`, `hqgarden_drift`, `lacadiere_drift`, `flowers_drift`, where 0.03 is five frames:
-/// 0.03 gains 0.5, −0.1, 0.3, 0.6; 0.05 gains 0.3, 0.1, 0.2, 0.2. On pans of 22 to 35 px a frame four frames gain 0.0 to 1.1
+/// alike, so the few newer samples around them do not outweigh them. (Empirical, with at least four frames of blocks, dB more
+/// than with all blocks of sixteen frames, frames 1 to 33 of `fungi_drift`, `hqgarden_drift`, `lacadiere_drift`,
+/// `flowers_drift`, where 0.03 is five frames: 0.03 gains 0.5, −0.1, 0.3, 0.6; 0.05 gains 0.3, 0.1, 0.2, 0.2. On pans of 22 to 35 px a frame four frames gain 0.0 to 1.1
 /// dB. On a pan of 8 px a frame 0.03 and sixteen frames are alike, and four frames lose 0.4 dB. At rest nothing is dropped.)
 const MOST_SHIFT: f32 = 0.03;
 

@@ -23,7 +23,7 @@ pub(crate) const EDGE_RATIO: f32 = 0.9;
 pub(crate) const CROSSING: f32 = 0.5;
 
 /// The same for the samples of exact blocks, with a pixel between samples. (Empirical, frames 10 to 22 of nine paths: 1 gains
-/// 0.1 to 0.15 dB over 0.5 on fungi and lacadiere, and loses at most 0.02 dB elsewhere. 2 gains up to 0.13 dB more there, and
+/// 0.0 to 0.15 dB over 0.5 on fungi and lacadiere, and loses at most 0.02 dB elsewhere. 2 gains up to 0.13 dB more there, and
 /// loses up to 0.1 dB on hqgarden.)
 pub(crate) const CROSSING_OF_BLOCKS: f32 = 1.0;
 

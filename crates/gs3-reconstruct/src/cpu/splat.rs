@@ -56,7 +56,7 @@ pub(crate) const AGING_OF_BLOCKS: f32 = 0.0015;
 /// Factor of the variance that the current frame and nearer samples give a sample of an exact block. The samples of a
 /// block err alike, and there are several around each pixel. (Empirical, with [`AGING_OF_BLOCKS`], on the same paths and
 /// `demo`: 2 gains 0.0, −0.1, 0.0, 0.2, −0.1 dB over 1, and the 99th percentile of the errors of 8×8 blocks falls by 2, 0, 2, 4,
-/// 0 %; 3 loses 0.1 dB more on hqgarden.)
+/// 0 %.)
 pub(crate) const ALIKE: f32 = 2.0;
 
 /// Staleness per frame of age, in pixels: with many samples, newer samples are a little better (empirical: 0.4 to 1
