@@ -81,18 +81,24 @@ impl Rasterizer {
             ]
         };
         let tile_of = |place: [u16; 2]| native_of(place).map(|at| at / grid.stride);
-        out.clear();
         let within =
             |[x, y]: &[u16; 2]| usize::from(*x) * BLOCK < size[0] && usize::from(*y) * BLOCK < size[1];
-        out.places.extend(places.iter().copied().filter(within));
-        out.places.par_sort_unstable_by_key(|place| {
-            let [column, row] = tile_of(*place);
-            let [native_column, native_row] = native_of(*place);
-            (row, column, native_row, native_column, place[1], place[0])
-        });
-        out.places.dedup();
-        // Written by all threads: one alone takes long to touch the new pages of a frame that is exact as a whole.
-        out.blocks.par_extend(rayon::iter::repeat_n(ExactBlock::EMPTY, out.places.len()));
+        // By tile, then by native tile, both in rows. Keys are made once: a comparison would divide twelve times.
+        let keyed = |place: [u16; 2]| {
+            let ([column, row], [native_column, native_row]) = (tile_of(place), native_of(place));
+            let numbers = [row, column, native_row, native_column];
+            (numbers.iter().fold(0, |key, number| key << 16 | *number as u64), [place[1], place[0]])
+        };
+        let mut keys: Vec<_> = places.iter().copied().filter(within).map(keyed).collect();
+        keys.par_sort_unstable();
+        keys.dedup();
+        out.places.clear();
+        out.places.extend(keys.into_iter().map(|(_, [y, x])| [x, y]));
+        // What blocks held before is overwritten. New ones are written by all threads: one alone takes long to touch the new
+        // pages of a frame that is exact as a whole.
+        out.blocks.truncate(out.places.len());
+        let new = out.places.len() - out.blocks.len();
+        out.blocks.par_extend(rayon::iter::repeat_n(ExactBlock::EMPTY, new));
         if out.is_empty() {
             return;
         }

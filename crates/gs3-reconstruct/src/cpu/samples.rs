@@ -118,7 +118,7 @@ impl SampleFrame {
             for k in (0..*count).rev().filter(|k| !keep(row, *k)) {
                 *count -= 1;
                 corners[k] = corners[*count];
-                chunks.swap(k, *count);
+                chunks[k] = chunks[*count];
                 extents[k] = extents[*count];
             }
         });

@@ -138,7 +138,6 @@ impl CpuStages {
                 ..Self::new(&self.plan, inputs.scale)?
             };
         }
-        self.blocks.clear();
         match self.plan.settings.mode {
             Mode::Native => {
                 times.time(Stage::Rasterize, self.rasterize_native(inputs, rasterizer, frames)).await?;
@@ -161,6 +160,8 @@ impl CpuStages {
                 // Exact pixels where the reconstruction cannot be trusted.
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
                     times.time(Stage::Refine, async { self.refine(inputs, rasterizer, frames) }).await?;
+                } else {
+                    self.blocks.clear();
                 }
 
                 // The previous frame and this one to the in-between frames.

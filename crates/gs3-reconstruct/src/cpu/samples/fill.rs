@@ -1,6 +1,6 @@
 //! What samples are made from: LR frames and exact blocks.
 
-use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
+use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*, u8x64};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes, Size};
 use rayon::prelude::*;
 
@@ -52,15 +52,18 @@ impl SampleFrame {
         (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
         (self.jitter, self.margin) = ([0.0; 2], Margin::NONE);
         self.displacements.clear();
-        // Written by all threads: one alone takes long to touch the new pages of a frame that is exact as a whole.
-        let blocks = blocks.places.par_iter().zip(&blocks.blocks).with_min_len(64);
-        let chunks = blocks.map(|(place, block)| {
-            let mut chunk = Chunk::EMPTY;
+        // What chunks held before is overwritten. New ones are written by all threads: one alone takes long to touch the new
+        // pages of a frame that is exact as a whole.
+        self.chunks.truncate(blocks.len());
+        let new = blocks.len() - self.chunks.len();
+        self.chunks.par_extend(rayon::iter::repeat_n(Chunk::EMPTY, new));
+        self.extents.resize(blocks.len(), Extent::default());
+        let blocks = blocks.places.par_iter().zip(&blocks.blocks);
+        let chunks = self.chunks.par_iter_mut().zip(&mut self.extents);
+        chunks.zip(blocks).with_min_len(64).for_each(|((chunk, extent), (place, block))| {
             let around = lr.nearest_around(*place, scale);
-            let extent = dispatch!(level, simd => fill_block(simd, block, around, &mut chunk));
-            (chunk, extent)
+            *extent = dispatch!(level, simd => fill_block(simd, block, around, chunk));
         });
-        chunks.unzip_into_vecs(&mut self.chunks, &mut self.extents);
     }
 
     /// The largest inverse depth of nine samples of this LR frame: the sample nearest to the middle of the block at `place`,
@@ -85,18 +88,7 @@ impl SampleFrame {
 #[inline(always)]
 fn fill_block<S: Simd>(simd: S, block: &ExactBlock, around: f32, chunk: &mut Chunk) -> Extent {
     let here = inverse_depth_16(simd, f32x16::load_array_ref(simd, &block.depth_median));
-    let depths = here.to_array();
-    // The nearest of the pixels around each pixel, within the block.
-    let mut near = depths;
-    for (i, near) in near.iter_mut().enumerate() {
-        let (x, y) = (i % BLOCK_SIDE, i / BLOCK_SIDE);
-        for v in y.saturating_sub(1)..(y + 2).min(BLOCK_SIDE) {
-            for u in x.saturating_sub(1)..(x + 2).min(BLOCK_SIDE) {
-                *near = near.max(depths[v * BLOCK_SIDE + u]);
-            }
-        }
-    }
-    let near = f32x16::load_array(simd, near).max(around);
+    let near = nearest_in_block(simd, here).max(around);
     let planes = |c: usize| {
         [
             f32x16::load_array_ref(simd, &block.color[c]),
@@ -105,6 +97,33 @@ fn fill_block<S: Simd>(simd: S, block: &ExactBlock, around: f32, chunk: &mut Chu
         ]
     };
     fill_chunk(simd, planes, here, near, CROSSING_OF_BLOCKS, mask32x16::splat(simd, true), chunk)
+}
+
+/// For each pixel of a block, the largest of the values of the pixel and the pixels around it, within the block.
+#[inline(always)]
+pub(super) fn nearest_in_block<S: Simd>(simd: S, values: f32x16<S>) -> f32x16<S> {
+    let before = values.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &BEFORE));
+    let after = values.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &AFTER));
+    let beside = before.max(after);
+    let (top, bottom) = values.max(beside).split();
+    let ((a, b), (c, d)) = (top.split(), bottom.split());
+    let (top, middle, bottom) = (a.max(b), b.max(c), c.max(d));
+    top.combine(top.max(c)).combine(middle.max(d).combine(bottom))
+}
+
+/// For each lane of four, the bytes of the lane before it, and of the lane after it; of the lane itself at the ends.
+const BEFORE: [u8; 64] = lane_bytes([0, 0, 1, 2]);
+const AFTER: [u8; 64] = lane_bytes([1, 2, 3, 3]);
+
+/// The bytes of `lanes`, for each four lanes of a vector.
+const fn lane_bytes(lanes: [u8; 4]) -> [u8; 64] {
+    let mut bytes = [0; 64];
+    let mut k = 0;
+    while k < bytes.len() {
+        bytes[k] = lanes[k / 4 % 4] * 4 + k as u8 % 4;
+        k += 1;
+    }
+    bytes
 }
 
 /// Fills a chunk. `planes` gives colour and derivatives per HR pixel of a channel; `here` has inverse depths, `near` the largest of

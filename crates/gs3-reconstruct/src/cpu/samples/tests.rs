@@ -1,5 +1,6 @@
 //! What chunks hold, compared with the G-buffer that they are made from.
 
+use fearless_simd::dispatch;
 use gs3_scene::{ExactBlock, ExactBlocks, GBuffer, Geometry, Gradients, Size};
 
 use super::*;
@@ -116,4 +117,19 @@ fn blocks_know_of_edges_beside_them() -> Result<(), ReconstructError> {
         }
     }
     Ok(())
+}
+
+#[test]
+fn the_nearest_of_a_block_are_of_the_pixels_around() {
+    // Numbers in no order, each once.
+    let values: [f32; CHUNK] = std::array::from_fn(|i| (i * 7 % CHUNK) as f32);
+    let found = dispatch!(gs3_simd::level(), simd => {
+        fill::nearest_in_block(simd, f32x16::load_array(simd, values)).to_array()
+    });
+    for (i, found) in found.into_iter().enumerate() {
+        let [x, y] = [i % BLOCK_SIDE, i / BLOCK_SIDE];
+        let is_around = |k: &usize| (k % BLOCK_SIDE).abs_diff(x) <= 1 && (k / BLOCK_SIDE).abs_diff(y) <= 1;
+        let expected = (0..CHUNK).filter(is_around).map(|k| values[k]).fold(f32::NEG_INFINITY, f32::max);
+        assert_eq!(found, expected, "pixel {i}");
+    }
 }
