@@ -15,6 +15,8 @@ pub(crate) struct Past {
     pub age: usize,
     /// Mean inverse depth of the LR frame.
     pub mean_inverse_depth: f32,
+    /// Whether the frame is exact blocks that hardly differ from what the history shows without them.
+    pub is_faint: bool,
     pub frame: SampleFrame,
     /// From the frame's camera to the current camera.
     pub reprojection: Reprojection,
@@ -33,6 +35,7 @@ impl Past {
             camera: *camera,
             age: 0,
             mean_inverse_depth: 0.0,
+            is_faint: false,
             frame: SampleFrame::default(),
             reprojection: Reprojection::new(camera, camera),
             parallax: 0.0,

@@ -244,3 +244,30 @@ fn what_is_refined_again_is_remembered_once() {
     }
     assert_eq!(run.sampler.remembered_blocks(), 1);
 }
+
+/// All blocks of a first frame are remembered at rest. Once the camera moves, those with an expected error of at most half a step
+/// of 8 bits are not. Blocks of later frames are, whatever their errors.
+#[test]
+fn faint_blocks_of_a_first_frame_are_forgotten_in_motion() {
+    let world = wall_and_post(8.0);
+    let mut run = Run::new(&world);
+    let [columns, rows] = block_grid(SIZE);
+    let all: Vec<[u16; 2]> =
+        (0..rows).flat_map(|y| (0..columns).map(move |x| [x as u16, y as u16])).collect();
+    run.frame(&at(0.3));
+    let least = 48.0 * (0.5_f32 / 255.0).powi(2);
+    let visible = run.sampler.expected_errors().iter().filter(|error| **error > least).count();
+    assert!(visible > all.len() / 10 && visible < all.len() * 9 / 10, "{visible} of {}", all.len());
+    run.refine(&at(0.3), all.clone());
+    run.frame(&at(0.3));
+    run.refine(&at(0.3), Vec::new());
+    assert_eq!(run.sampler.remembered_blocks(), all.len());
+    run.frame(&at(0.301));
+    run.refine(&at(0.301), Vec::new());
+    let remembered = run.sampler.remembered_blocks();
+    // A few have left the picture.
+    assert!(remembered <= visible && remembered > visible * 9 / 10, "{remembered} of {visible}");
+    run.refine(&at(0.301), all.clone());
+    run.frame(&at(0.302));
+    assert!(run.sampler.remembered_blocks() >= all.len());
+}

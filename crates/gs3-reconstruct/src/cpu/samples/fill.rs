@@ -1,7 +1,7 @@
 //! What samples are made from: LR frames and exact blocks.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*, u8x64};
-use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, GBuffer, Gradients, Margin, Planes, Size};
+use gs3_scene::{BLOCK_SIDE, ExactBlock, GBuffer, Gradients, Margin, Planes, Size};
 use rayon::prelude::*;
 
 use super::chunk::{Chunk, DX, DY, Extent};
@@ -41,12 +41,19 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Copies exact blocks of a picture of size `picture`. `lr` is the LR frame (no blocks) of the same camera, `scale`
+    /// Copies exact blocks of a picture of size `picture`, each with its column and row. `lr` is the LR frame (no blocks) of the same camera, `scale`
     /// times coarser. Memory is reused.
-    pub fn fill_blocks(&mut self, level: Level, blocks: &ExactBlocks, picture: Size, lr: &Self, scale: u32) {
+    pub fn fill_blocks(
+        &mut self,
+        level: Level,
+        blocks: &[([u16; 2], &ExactBlock)],
+        picture: Size,
+        lr: &Self,
+        scale: u32,
+    ) {
         debug_assert!(!lr.is_blocks(), "expected an LR frame");
-        let corner = |[column, row]: &[u16; 2]| [*column, *row].map(|k| (usize::from(k) * BLOCK_SIDE) as f32);
-        let corners: Vec<_> = blocks.places.iter().map(corner).collect();
+        let corners: Vec<_> =
+            blocks.iter().map(|(place, _)| place.map(|k| (usize::from(k) * BLOCK_SIDE) as f32)).collect();
         let counts = corners.chunks(BLOCKS_PER_ROW).map(<[_]>::len).collect();
         self.layout = Layout::Blocks { corners, counts, picture: picture.to_array().map(|side| side as f32) };
         (self.width, self.height) = (0, blocks.len().div_ceil(BLOCKS_PER_ROW));
@@ -58,7 +65,6 @@ impl SampleFrame {
         let new = blocks.len() - self.chunks.len();
         self.chunks.par_extend(rayon::iter::repeat_n(Chunk::EMPTY, new));
         self.extents.resize(blocks.len(), Extent::default());
-        let blocks = blocks.places.par_iter().zip(&blocks.blocks);
         let chunks = self.chunks.par_iter_mut().zip(&mut self.extents);
         chunks.zip(blocks).with_min_len(64).for_each(|((chunk, extent), (place, block))| {
             let around = lr.nearest_around(*place, scale);

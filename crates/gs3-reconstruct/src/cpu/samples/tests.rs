@@ -1,7 +1,7 @@
 //! What chunks hold, compared with the G-buffer that they are made from.
 
 use fearless_simd::dispatch;
-use gs3_scene::{ExactBlock, ExactBlocks, GBuffer, Geometry, Gradients, Size};
+use gs3_scene::{ExactBlock, GBuffer, Geometry, Gradients, Size};
 
 use super::*;
 use crate::error::ReconstructError;
@@ -106,9 +106,9 @@ fn blocks_know_of_edges_beside_them() -> Result<(), ReconstructError> {
         let slopes = [[3.0; CHUNK], [4.0; CHUNK], [0.0; CHUNK]];
         let block = ExactBlock { color_dx: slopes, ..ExactBlock::EMPTY };
         let places: Vec<[u16; 2]> = (0..8).flat_map(|y| (0..12).map(move |x| [x, y])).collect();
-        let blocks = ExactBlocks { blocks: vec![block; places.len()], places };
+        let blocks: Vec<_> = places.iter().map(|place| (*place, &block)).collect();
         of_blocks.fill_blocks(gs3_simd::level(), &blocks, Size::new(48, 32), &frame, scale);
-        for (k, place) in blocks.places.iter().enumerate() {
+        for (k, place) in places.iter().enumerate() {
             let nearest = if scale == 4 { own(*place) } else { third(*place) };
             let is_beside = (0..2).all(|a| nearest[a].abs_diff(near[a]) <= 1);
             let expected = if is_beside { 5.0 * CROSSING_OF_BLOCKS } else { 0.0 };
