@@ -15,7 +15,7 @@ pub(crate) struct Past {
     pub age: usize,
     /// Mean inverse depth of the LR frame.
     pub mean_inverse_depth: f32,
-    /// Whether the frame is exact blocks that hardly differ from what the history shows without them.
+    /// Whether the frame is exact blocks of a first frame that were expected to differ invisibly from the reconstruction.
     pub is_faint: bool,
     pub frame: SampleFrame,
     /// From the frame's camera to the current camera.
