@@ -161,6 +161,7 @@ impl CpuStages {
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
                     times.time(Stage::Refine, async { self.refine(inputs, rasterizer, frames) }).await?;
                 } else {
+                    // Only here: refining overwrites the blocks, and would write cleared ones twice.
                     self.blocks.clear();
                 }
 

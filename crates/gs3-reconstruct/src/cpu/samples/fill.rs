@@ -41,8 +41,8 @@ impl SampleFrame {
         Ok(())
     }
 
-    /// Copies exact blocks of a picture of size `picture`, each with its column and row. `lr` is the LR frame (no blocks) of the same camera, `scale`
-    /// times coarser. Memory is reused.
+    /// Copies exact blocks of a picture of size `picture`, each with its column and row. `lr` is the LR frame (no blocks) of
+    /// the same camera, `scale` times coarser. Memory is reused.
     pub fn fill_blocks(
         &mut self,
         level: Level,
