@@ -5,19 +5,21 @@
 //! tile are blended together, from the splats with a rectangle that meets one of them.
 
 use fearless_simd::{Simd, dispatch};
-use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlock, ExactBlocks, Margin};
 use rayon::prelude::*;
 
 use super::bin::{Bins, Id, TILE_HEIGHT, TILE_WIDTH};
-use super::blend::{self, Block, SAMPLES, TileScratch, TileSplats, plane};
+use super::blend::{self, Block, COLOR, SAMPLES, TileScratch, TileSplats, plane};
 use super::block_rows::{BlockRows, MAX_ROWS, MAX_STRIDE};
+use super::block_table::BlockTable;
 use super::cover::{BLOCK, BLOCKS_X, TileSamples};
 use super::grid::Grid;
 use super::project::{ProjectOutputs, Projected};
 use super::resolve::Resolver;
 use super::slabs::{self, SlabPlace};
 use super::{LastFrame, Rasterizer};
-use crate::settings::RasterError;
+use crate::settings::{RasterError, RasterSettings};
+use crate::view::View;
 
 const _: () = assert!(BLOCK == BLOCK_SIDE);
 
@@ -64,14 +66,41 @@ impl Rasterizer {
         out: &mut ExactBlocks,
     ) -> Result<(), RasterError> {
         let Some(last) = self.last.take() else { return Err(RasterError::NoFrame) };
-        self.make_blocks(&last, places, out);
+        self.make_blocks::<SAMPLES>(&last, places, out);
         // Blocks have brought the splats of `view`.
         let is_shared = last.is_shared || !out.is_empty();
         self.last = Some(LastFrame { is_shared, ..last });
         Ok(())
     }
 
-    fn make_blocks(&mut self, last: &LastFrame, places: &[[u16; 2]], out: &mut ExactBlocks) {
+    /// Rasterizes the pixels of [`Self::rasterize_image`] with the same `camera` and `settings` in blocks of 4×4, without a frame before.
+    /// `places` are as in [`Self::rasterize_blocks`]. Blocks get colours only: derivatives and depths are 0. Only Gaussians
+    /// that reach a block are coloured and sorted.
+    ///
+    /// # Errors
+    /// [`RasterError`] if a setting is out of range; `out` is unchanged then.
+    pub fn rasterize_image_blocks(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        places: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) -> Result<(), RasterError> {
+        settings.check()?;
+        self.last = None;
+        let settings = RasterSettings { margin: Margin::NONE, ..*settings };
+        let view = View::new(camera, &settings, self.scene.details().near);
+        let (grid, size) = (Grid::of_blocks(view.size), view.size.to_usize());
+        self.make_blocks::<COLOR>(&LastFrame { view, grid, settings, size, is_shared: false }, places, out);
+        Ok(())
+    }
+
+    fn make_blocks<const OUTPUTS: usize>(
+        &mut self,
+        last: &LastFrame,
+        places: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) {
         let LastFrame { view, grid, settings, size, is_shared } = last;
         // Tiles start at block boundaries: margins are whole blocks.
         let native_of = |[x, y]: [u16; 2]| {
@@ -103,7 +132,7 @@ impl Rasterizer {
             return;
         }
 
-        let slabs = if *is_shared { self.slabs.clone() } else { self.slabs_of::<SAMPLES>(view, grid) };
+        let slabs = if *is_shared { self.slabs.clone() } else { self.slabs_of::<OUTPUTS>(view, grid) };
         self.slabs.clone_from(&slabs);
         let mut states = vec![[[0.0; 16]; 4]; if slabs.len() > 1 { out.places.len() } else { 0 }];
         let mut rest_states = &mut states[..];
@@ -115,12 +144,15 @@ impl Rasterizer {
             tiles.push(TileBlocks { tile: tile_of(places[0]), places, out: blocks, states });
         }
         let resolver = Resolver::new(view, settings);
+        // Only splats of a low-resolution frame are there already. Blocks alone need few of the image's splats.
+        let wanted = (OUTPUTS == COLOR).then(|| BlockTable::new(&out.places, *size));
         for (k, slab) in slabs.iter().enumerate() {
             let slab_place = SlabPlace::new(k, slabs.len());
             // The splats of earlier slabs are no longer in memory.
             let is_at_hand = *is_shared && slabs.len() == 1;
             if !is_at_hand {
-                self.project(&slab.of(view), ProjectOutputs { depths: true, ..ProjectOutputs::default() });
+                let outputs = ProjectOutputs { depths: OUTPUTS >= SAMPLES, ..ProjectOutputs::default() };
+                self.project(&slab.of(view), outputs, wanted.as_ref());
                 self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
                 if let [whole] = &self.parts[..] {
                     self.bins.fill(&self.jobs, grid, whole, self.culling);
@@ -143,7 +175,7 @@ impl Rasterizer {
                 of_part.par_iter_mut().with_max_len(4).for_each(|tile| {
                     let mut scratch = self.scratch.get_or_default().borrow_mut();
                     dispatch!(level, s => {
-                        scratch.fill(s, jobs, bins, grid, *size, &resolver, slab_place, tile);
+                        scratch.fill::<_, OUTPUTS>(s, jobs, bins, grid, *size, &resolver, slab_place, tile);
                     });
                 });
             }
@@ -154,7 +186,7 @@ impl Rasterizer {
 impl Scratch {
     /// Makes the blocks of a tile.
     #[inline(always)]
-    fn fill<S: Simd>(
+    fn fill<S: Simd, const OUTPUTS: usize>(
         &mut self,
         s: S,
         jobs: &[Projected],
@@ -182,7 +214,7 @@ impl Scratch {
         }
         match is_finished {
             true => self.forget(),
-            false => self.take_meeting(jobs, bins, tile, grid, &BlockRows::new(&rows)),
+            false => self.take_meeting::<OUTPUTS>(jobs, bins, tile, grid, &BlockRows::new(&rows)),
         }
         self.list();
 
@@ -209,7 +241,7 @@ impl Scratch {
             for (k, place) in places.iter().enumerate() {
                 let b = index(*place);
                 if is_first {
-                    blend::start_block::<SAMPLES>(&mut blocks[b], left(*place));
+                    blend::start_block::<OUTPUTS>(&mut blocks[b], left(*place));
                 } else {
                     load(&mut blocks[b], &out[k], &states[k]);
                 }
@@ -218,16 +250,16 @@ impl Scratch {
             let order = &lists[native[1] * MAX_STRIDE + native[0]][..];
             let of_tile = TileSplats { order, splats, normals };
             let (rules, origin) = (resolver.rules, grid.origin);
-            blend::blend_splats::<_, SAMPLES>(s, &samples, origin, rules, open, of_tile, cover, blocks);
+            blend::blend_splats::<_, OUTPUTS>(s, &samples, origin, rules, open, of_tile, cover, blocks);
             for (k, (place, out)) in places.iter().zip(out).enumerate() {
                 let b = index(*place);
                 let block = &mut blocks[b];
                 if !is_last {
-                    (*out, states[k]) = (exact(block), STATE_PLANES.map(|p| block.0[p]));
+                    (*out, states[k]) = (exact::<OUTPUTS>(block), STATE_PLANES.map(|p| block.0[p]));
                     continue;
                 }
-                resolver.finish::<_, SAMPLES>(s, block, samples.of_block(s, b), 1.0);
-                *out = exact(block);
+                resolver.finish::<_, OUTPUTS>(s, block, samples.of_block(s, b), 1.0);
+                *out = exact::<OUTPUTS>(block);
                 clear_beyond(out, left(*place));
             }
         }
@@ -241,7 +273,7 @@ impl Scratch {
 
     /// Takes the splats of `tile` with a rectangle that meets one of the tile's blocks.
     #[inline(always)]
-    fn take_meeting(
+    fn take_meeting<const OUTPUTS: usize>(
         &mut self,
         jobs: &[Projected],
         bins: &Bins,
@@ -258,14 +290,14 @@ impl Scratch {
                 let met = rows.native_tiles_met(job.rects[local], corner, grid.tile_size());
                 if met != 0 {
                     // Splats are copied once all are found: by then memory has answered.
-                    TileScratch::prefetch::<SAMPLES>(job, local);
+                    TileScratch::prefetch::<OUTPUTS>(job, local);
                     self.met.push(met);
                     self.found.push(*id);
                 }
             }
         }
         for (job, local) in self.found.iter().map(|id| id.place()) {
-            self.tile.take::<SAMPLES>(&jobs[job], local);
+            self.tile.take::<OUTPUTS>(&jobs[job], local);
         }
     }
 
@@ -286,9 +318,12 @@ impl Scratch {
     }
 }
 
-/// The planes of a block that exact blocks have.
-fn exact(block: &Block) -> ExactBlock {
+/// The planes of a block that exact blocks have. Frames of colour alone have no other plane.
+fn exact<const OUTPUTS: usize>(block: &Block) -> ExactBlock {
     let planes = |first: usize| [block.0[first], block.0[first + 1], block.0[first + 2]];
+    if OUTPUTS == COLOR {
+        return ExactBlock { color: planes(plane::COLOR), ..ExactBlock::EMPTY };
+    }
     ExactBlock {
         color: planes(plane::COLOR),
         color_dx: planes(plane::COLOR_DX),
@@ -373,6 +408,11 @@ mod tests {
                 }
             }
             let visible = rasterizer.visible_count();
+            let (mut blocks, dense) = (Default::default(), &places[..places.len() / 2]);
+            rasterizer
+                .rasterize_image_blocks(&camera, &settings, dense, &mut blocks)
+                .expect("valid settings");
+            made.push(blocks);
             let mut importance = Importance::zeroed(scene.gaussians().len());
             rasterizer.importance(&camera, &settings, &mut importance).expect("valid settings");
             (image, lr, made, (visible, importance), counts)

@@ -7,6 +7,9 @@ use super::cover::TileSamples;
 use crate::settings::{RasterSettings, Window};
 use crate::view::first_sample;
 
+/// Stride of the tiles of blocks that belong to no low-resolution frame: the default scale's.
+const BLOCK_STRIDE: usize = 4;
+
 /// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.
 ///
 /// A frame rasterized at its own size has a stride of one. A low-resolution frame of stride S has the same splats as
@@ -47,6 +50,13 @@ impl Grid {
         let size = margin.padded(lr.size()).to_usize();
         let origin = before.map(|side| -(side as f32));
         Self { stride: scale as usize, first, before, origin, size }
+    }
+
+    /// No samples: tiles of [`BLOCK_STRIDE`]² native tiles, for blocks of an image of `size`.
+    pub const fn of_blocks(size: Size) -> Self {
+        let [width, height] = size.to_usize();
+        let size = [width.div_ceil(BLOCK_STRIDE), height.div_ceil(BLOCK_STRIDE)];
+        Self { stride: BLOCK_STRIDE, first: [0.0; 2], before: [0; 2], origin: [0.0; 2], size }
     }
 
     /// Columns and rows of tiles.

@@ -105,7 +105,7 @@ impl Rasterizer {
         importance.check(self.scene.gaussians().len())?;
         let view = View::new(camera, settings, self.scene.details().near);
         self.slabs.clear();
-        self.project(&view, ProjectOutputs { indices: true, ..ProjectOutputs::default() });
+        self.project(&view, ProjectOutputs { indices: true, ..ProjectOutputs::default() }, None);
         let grid = Grid::native(camera.size());
         self.last = None;
         let at_once = ROWS_PER_THREAD * rayon::current_num_threads();

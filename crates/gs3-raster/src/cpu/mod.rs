@@ -6,6 +6,7 @@
 mod bin;
 pub(crate) mod blend;
 mod block_rows;
+mod block_table;
 mod blocks;
 pub(crate) mod cover;
 pub(crate) mod geometry;
@@ -35,6 +36,7 @@ use crate::settings::{Culling, Outputs, RasterError, RasterSettings, Window};
 use crate::view::{View, samples_pixels};
 use bin::{Bins, ENTRY_BYTES, Part, TILE_HEIGHT, TILE_WIDTH};
 use blend::{COLOR, GBUFFER, GBUFFER_MIXED, SAMPLES};
+use block_table::BlockTable;
 use blocks::Scratch;
 use grid::Grid;
 pub use importance::Importance;
@@ -298,7 +300,7 @@ impl Rasterizer {
             let started = Instant::now();
             let outputs =
                 ProjectOutputs { depths: OUTPUTS >= SAMPLES, normals: OUTPUTS >= GBUFFER, indices: false };
-            self.project(&slab.of(view), outputs);
+            self.project(&slab.of(view), outputs, None);
             self.visible += self.jobs.iter().map(|job| job.splats.len()).sum::<usize>();
             self.parts = Bins::parts(&self.jobs, grid, self.most_entries);
             self.times.project += started.elapsed();
@@ -346,17 +348,20 @@ impl Rasterizer {
     /// The splats of a frame in scene order.
     #[cfg(all(test, feature = "gpu"))]
     pub(crate) fn splats(&mut self, camera: &Camera, settings: &RasterSettings) -> Vec<splat::Splat> {
-        self.project(&View::new(camera, settings, self.scene.details().near), ProjectOutputs::default());
+        let view = View::new(camera, settings, self.scene.details().near);
+        self.project(&view, ProjectOutputs::default(), None);
         self.jobs.iter().flat_map(|job| job.splats.iter().copied()).collect()
     }
 
-    fn project(&mut self, view: &View, outputs: ProjectOutputs) {
+    /// Projects the splats of `view`; if there are `wanted` blocks, the splats with a rectangle that meets one of them.
+    fn project(&mut self, view: &View, outputs: ProjectOutputs, wanted: Option<&BlockTable>) {
         let input = ProjectInput {
             gaussians: self.scene.gaussians(),
             opacity_mode: self.scene.opacity_mode(),
             view,
             culling: self.culling,
             outputs,
+            wanted,
         };
         let (chunks, level) = (&self.chunks, self.level);
         let frustum = chunk::Frustum::new(view);
@@ -369,7 +374,7 @@ impl Rasterizer {
             let first = j * JOB_CHUNKS;
             let last = (first + JOB_CHUNKS).min(chunks.len());
             for (i, chunk) in chunks[first..last].iter().enumerate() {
-                if !frustum.may_see(chunk) {
+                if !frustum.may_see(chunk) || wanted.is_some_and(|w| !w.may_meet(frustum.reach(chunk))) {
                     continue;
                 }
                 let start = (first + i) * CHUNK;

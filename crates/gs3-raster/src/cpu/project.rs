@@ -6,6 +6,7 @@
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*};
 use gs3_scene::{Gaussians, OpacityMode};
 
+use super::block_table::BlockTable;
 use super::geometry;
 use super::math::log2;
 use super::sh;
@@ -78,6 +79,8 @@ pub struct ProjectInput<'a> {
     pub view: &'a View,
     pub culling: Culling,
     pub outputs: ProjectOutputs,
+    /// If there are any, splats that meet none of these blocks are left out before their colours are evaluated.
+    pub wanted: Option<&'a BlockTable>,
 }
 
 /// What is projected of each splat besides what blending its colour needs.
@@ -354,6 +357,11 @@ fn emit(input: &ProjectInput<'_>, lanes: &Lanes, lane: usize, index: usize, out:
     let direction = [lanes.direction[0][lane], lanes.direction[1][lane], lanes.direction[2][lane]];
     let [x0, y0, x1, y1] = [0, 1, 2, 3].map(|k| lanes.rect[k][lane] as u16);
     let rect = PixelRect { x0, y0, x1: x1 + 1, y1: y1 + 1 };
+    if let Some(wanted) = input.wanted
+        && !wanted.meets(rect)
+    {
+        return;
+    }
     let geometry = |k: usize| lanes.geometry[k][lane];
     // With neither depths nor normals, the lanes of geometry stay 0.
     out.splats.push(Splat {

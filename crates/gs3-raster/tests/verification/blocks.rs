@@ -6,7 +6,7 @@ use glam::DVec2;
 use gs3_raster::{
     Culling, KERBL_DILATION, NEAR, Outputs, RasterError, RasterSettings, Rasterizer, matched_dilation,
 };
-use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Image, Jitter, Margin, block_grid};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Image, Jitter, Margin, block_grid, demo};
 
 use crate::real_scenes::scenes;
 use crate::scenes::{Random, RandomScene, camera_at_origin};
@@ -133,6 +133,58 @@ fn blocks_of_real_scenes_are_the_native_image() {
             rasterizer.rasterize_blocks(&places, &mut blocks).expect("a frame before");
             assert_eq!(blocks.len(), places.len(), "{name}");
             assert_native(&blocks, &image, &gbuffer);
+        }
+    }
+}
+
+/// Blocks of an image alone have the image's bits with few of its splats: of a scene with distant chunks and one without order,
+/// with every rule of culling, at sizes that are no multiple of a block, for no block up to all of them.
+#[test]
+fn blocks_of_an_image_alone_are_the_image() {
+    let mut random = Random(17);
+    let far = camera_at_origin(203, 131, DVec2::new(0.1, -0.1));
+    let recipe = RandomScene { seed: 9, count: 3000, sh_degree: 1, ..RandomScene::BASE };
+    let random_scene = Arc::new(recipe.build(&far));
+    let demo_camera = demo::path().cameras()[30].resized(322, 181).expect("a valid size");
+    let demo = ("demo", Arc::new(demo::scene().expect("the demo")), demo_camera);
+    let real = scenes()
+        .into_iter()
+        .map(|(name, scene, camera)| (name, scene, camera.resized(322, 181).expect("valid")));
+    let all = [("random", random_scene, far), demo].into_iter().chain(real);
+    for (name, scene, camera) in all {
+        for culling in
+            [Culling::Aabb3Sigma, Culling::Adr, Culling::SnugBox, Culling::AccuTile, Culling::Exact]
+        {
+            let mut rasterizer = Rasterizer::new(Arc::clone(&scene), culling);
+            let settings = RasterSettings { dilation: KERBL_DILATION, ..settings(1, [0.0; 2]) };
+            let mut image = Image::default();
+            rasterizer.rasterize_image(&camera, &settings, &mut image).expect("valid settings");
+            let mut blocks = ExactBlocks::default();
+            for every in [2000, 60, 1] {
+                let mut places = some_blocks(&image, every, &mut random);
+                places.push([60_000, 3]);
+                rasterizer
+                    .rasterize_image_blocks(&camera, &settings, &places, &mut blocks)
+                    .expect("valid settings");
+                assert_eq!(blocks.len(), places.len() - 1, "{name}");
+                for ([column, row], block) in blocks.places.iter().zip(&blocks.blocks) {
+                    for lane in 0..16 {
+                        let x = usize::from(*column) * BLOCK_SIDE + lane % BLOCK_SIDE;
+                        let y = usize::from(*row) * BLOCK_SIDE + lane / BLOCK_SIDE;
+                        let is_inside = x < image.width() && y < image.height();
+                        let pixel = if is_inside { image.pixels()[y * image.width() + x] } else { [0.0; 4] };
+                        for c in 0..3 {
+                            let [made, expected] = [block.color[c][lane], pixel[c]].map(f32::to_bits);
+                            assert_eq!(made, expected, "{name} {culling:?}: colour {c} at {x}, {y}");
+                        }
+                    }
+                }
+                assert_eq!(
+                    rasterizer.rasterize_blocks(&places, &mut blocks),
+                    Err(RasterError::NoFrame),
+                    "the splats are those of the blocks"
+                );
+            }
         }
     }
 }
