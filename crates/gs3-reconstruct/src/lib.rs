@@ -58,7 +58,7 @@ pub use cpu::hermite::hermite;
 pub use cpu::interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use cpu::motion::{Depth, DepthView, Motion};
 pub use cpu::resample::{ResampleKernel, resample};
-pub use cpu::select::{BlockBudget, select_blocks};
+pub use cpu::select::{BlockBudget, select_blocks, write_blocks};
 pub use cpu::super_sample::SuperSampler;
 pub use cut::is_cut;
 pub use depth_lattice::DepthLattice;

@@ -24,12 +24,15 @@ pub(crate) struct Blend<'a> {
 }
 
 impl Blend<'_> {
-    /// Blends the rows of a band: `rows`, starting at row `top`.
+    /// Blends the rows of a band: `rows`, starting at row `top`. `errors` gets [`squared_error`] of each of
+    /// the band's patches, summed over pixels and RGB; 0 of patches that are not whole.
     #[inline(always)]
-    pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]]) {
+    pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]], errors: &mut [f32]) {
         let warp = &self.warp;
         let width = warp.images[0].width();
         let (count, mut first) = (rows.len(), [[[0.0; 4 * SIDE]; SIDE]; LANES]);
+        let patches = warp.patches(top);
+        errors.fill(0.0);
         for [x, y] in warp.runs(count / width, top) {
             let run = warp.correspondence_of_run(simd, x, y);
             let clip = |k: usize| Clip::new(x + (k * SIDE) as isize, y, top, width, count);
@@ -48,11 +51,12 @@ impl Blend<'_> {
                     continue;
                 }
                 let moves_alike = run.rigid >> k & 1 == 1 && clip.is_whole();
+                let error = &mut errors[patches.index([x, y])];
                 let is_gathered = gathered >> k & 1 == 1;
                 let is_even = moves_alike && run.even >> k & 1 == 1;
                 if is_gathered
                     && is_even
-                    && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows)
+                    && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows, error)
                 {
                     continue;
                 }
@@ -77,9 +81,15 @@ impl Blend<'_> {
                     share_of_second = share(simd, &patch.visibility, self.t);
                 }
                 let share = share_of_second.to_array();
+                let mut sum = f32x16::splat(simd, 0.0);
                 for r in clip.rows.clone() {
                     let share = spread(simd, &share[r * SIDE..(r + 1) * SIDE]);
-                    clip.store(mix(simd, both[0][r], both[1][r], share), r, rows);
+                    let (mixed, squared) = mix(simd, both[0][r], both[1][r], share);
+                    sum += squared;
+                    clip.store(mixed, r, rows);
+                }
+                if clip.is_whole() {
+                    *error = of_colors(sum);
                 }
             }
         }
@@ -118,6 +128,7 @@ impl Blend<'_> {
         first: &[[f32; 4 * SIDE]; SIDE],
         clip: &Clip,
         rows: &mut [[f32; 4]],
+        error: &mut f32,
     ) -> bool {
         if share == 0.0 {
             for (r, first) in first.iter().enumerate() {
@@ -137,10 +148,14 @@ impl Blend<'_> {
         // One division for all sixteen pixels.
         let [of_first, of_second] = [pack_uncertainty(simd, &both[0]), pack_uncertainty(simd, &both[1])];
         let by = surer(f32x16::splat(simd, share), of_first, of_second);
+        let mut sum = f32x16::splat(simd, 0.0);
         for r in 0..SIDE {
             let by = by.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &LANE_BYTES[r]));
-            clip.store((both[1][r] - both[0][r]).mul_add(by, both[0][r]), r, rows);
+            let between = both[1][r] - both[0][r];
+            sum += squared_error(between, by);
+            clip.store(between.mul_add(by, both[0][r]), r, rows);
         }
+        *error = of_colors(sum);
         true
     }
 }
@@ -179,17 +194,42 @@ fn pack_uncertainty<S: Simd>(simd: S, rows: &[f32x16<S>; SIDE]) -> f32x16<S> {
     packed
 }
 
-/// Blends four pixels of the first neighbour with four of the second. The lanes of `share` have the pixels' shares by
-/// time and visibility.
+/// True over expected squared error of in-between frames, because the neighbours also err alike: both lack the same detail.
+/// (Measured at 1920×1080 on frames 14 to 19 of eight paths, with one and with two frames between: 2.1 to 4.6.)
+pub(crate) const SHARED: f32 = 3.6;
+
+/// The squared error of a blend that comes from what differs in its neighbours. `between` is their difference and `share` the
+/// second's share. If the neighbours' own errors have a variance of σ² each, the mean of their difference's square is 2 σ². The
+/// blend then has a variance of σ² (s² + (1 − s)²), at s = ½ as much as s (1 − s) times that square.
 #[inline(always)]
-fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
+fn squared_error<S: Simd>(between: f32x16<S>, share: f32x16<S>) -> f32x16<S> {
+    between * between * (share * (1.0 - share))
+}
+
+/// The sum of the lanes of colours of four pixels.
+#[inline(always)]
+fn of_colors<S: Simd>(lanes: f32x16<S>) -> f32 {
+    let lanes = lanes.to_array();
+    let mut sum = 0.0;
+    for [r, g, b, _] in lanes.as_chunks::<4>().0 {
+        sum += r + g + b;
+    }
+    sum
+}
+
+/// Blends four pixels of the first neighbour with four of the second, and gives the [`squared_error`] of their numbers. The lanes of
+/// `share` have the pixels' shares by time and visibility.
+#[inline(always)]
+fn mix<S: Simd>(simd: S, first: f32x16<S>, second: f32x16<S>, share: f32x16<S>) -> (f32x16<S>, f32x16<S>) {
     let uncertainty = u8x64::load_array_ref(simd, &LANE_BYTES[SIDE - 1]);
     let of_first = first.swizzle_dyn_within_blocks(uncertainty);
     let of_second = second.swizzle_dyn_within_blocks(uncertainty);
-    let mixed = (second - first).mul_add(surer(share, of_first, of_second), first);
+    let (between, by) = (second - first, surer(share, of_first, of_second));
+    let (mixed, squared) = (between.mul_add(by, first), squared_error(between, by));
     // A neighbour with no weight is not read, so that its numbers that are not finite do not spread.
-    let mixed = share.simd_eq(0.0).select(first, mixed);
-    share.simd_eq(1.0).select(second, mixed)
+    let (is_first, is_second) = (share.simd_eq(0.0), share.simd_eq(1.0));
+    let mixed = is_second.select(second, is_first.select(first, mixed));
+    (mixed, (is_first | is_second).select(f32x16::splat(simd, 0.0), squared))
 }
 
 /// The share of the second neighbour with these uncertainties, where `share` is its share by time and visibility.

@@ -14,6 +14,7 @@ use crate::cpu::blend::{Blend, shares};
 use crate::cpu::gather::Gather;
 use crate::cpu::middle_depth::{MiddleDepth, Passage};
 use crate::cpu::neighbor_depth::NeighborDepth;
+use crate::cpu::patch_errors::PatchErrors;
 use crate::cpu::separate::Part;
 use crate::cpu::warp::{Warp, band_top, bands};
 use crate::error::{ReconstructError, check_gbuffer, check_scale, check_size};
@@ -69,6 +70,7 @@ pub struct Interpolator {
     gather: Gather,
     middle: MiddleDepth,
     neighbors: [NeighborDepth; 2],
+    errors: PatchErrors,
 }
 
 impl Interpolator {
@@ -84,7 +86,15 @@ impl Interpolator {
             gather: Gather::new(),
             middle: MiddleDepth::default(),
             neighbors: [NeighborDepth::default(), NeighborDepth::default()],
+            errors: PatchErrors::default(),
         })
+    }
+
+    /// The squared errors to expect of the last frame of [`Self::interpolate`] into `out`, which is resized: one per block of
+    /// 4×4 pixels, `[rows, columns]` of [`gs3_scene::block_grid`]. Each is a sum over the block's pixels and over RGB. They are found
+    /// from the difference of the neighbours, so pixels that one neighbour alone shows count nothing.
+    pub fn expected_errors(&self, out: &mut Vec<f32>) {
+        self.errors.of_blocks(out);
     }
 
     /// Interpolates the image of `camera` at time `t` ∈ `[0, 1]` between `before` (0) and `after` (1) into `out`,
@@ -116,13 +126,18 @@ impl Interpolator {
     ) -> Result<(), ReconstructError> {
         let level = self.level;
         let passage = displacements.map(|displacements| Passage { displacements, t });
+        let mut errors = std::mem::take(&mut self.errors);
         let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t };
         let [width, height] = camera.size().to_usize();
         out.resize(width, height);
         let scale = blend.warp.scale;
-        bands(scale, width, out.pixels_mut()).enumerate().for_each(|(band, rows)| {
-            dispatch!(level, simd => blend.blend(simd, band_top(scale, band), rows));
-        });
+        let errors_of_bands = errors.bands(scale, camera.size());
+        bands(scale, width, out.pixels_mut()).zip(errors_of_bands).enumerate().for_each(
+            |(band, (rows, errors))| {
+                dispatch!(level, simd => blend.blend(simd, band_top(scale, band), rows, errors));
+            },
+        );
+        self.errors = errors;
         Ok(())
     }
 

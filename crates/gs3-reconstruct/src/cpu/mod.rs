@@ -15,6 +15,7 @@ pub(crate) mod nearest;
 pub(crate) mod neighbor_depth;
 pub(crate) mod other_surface;
 pub(crate) mod past;
+mod patch_errors;
 pub(crate) mod rectification;
 pub(crate) mod resample;
 pub(crate) mod rigidity;

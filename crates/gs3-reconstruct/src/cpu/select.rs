@@ -25,8 +25,8 @@ impl BlockBudget {
 }
 
 /// The blocks of 4×4 pixels with the largest expected errors, within `budget`, of an image of `size`. Blocks are given as
-/// columns and rows. `errors` are [`crate::SuperSampler::expected_errors`]. Among equal errors, the first in row order wins.
-/// The order of the result is unspecified.
+/// columns and rows. `errors` are [`crate::SuperSampler::expected_errors`] or [`crate::Interpolator::expected_errors`]. Among
+/// equal errors, the first in row order wins. The order of the result is unspecified.
 #[must_use]
 pub fn select_blocks(errors: &[f32], size: Size, budget: BlockBudget) -> Vec<[u16; 2]> {
     let [columns, rows] = block_grid(size);
@@ -54,7 +54,7 @@ pub fn select_blocks(errors: &[f32], size: Size, budget: BlockBudget) -> Vec<[u1
 }
 
 /// Writes the pixels of `blocks` into `image`, with an uncertainty of 0.
-pub(crate) fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
+pub fn write_blocks(blocks: &ExactBlocks, image: &mut Image) {
     let width = image.width();
     let [columns, rows] = block_grid(image.size());
     // The number plus one of the block to be written at each place.

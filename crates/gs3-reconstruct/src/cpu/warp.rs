@@ -39,7 +39,7 @@ const RUN: usize = LANES * SIDE;
 const TILE: usize = 8 * RUN;
 
 /// Rows of pixels per task.
-const BAND: usize = 32;
+pub(crate) const BAND: usize = 32;
 
 /// The first columns of sixteen patches in a row.
 const FIRSTS: [f32; LANES] = {
@@ -142,6 +142,31 @@ pub(crate) const fn offset(scale: usize) -> usize {
     scale / 2 % SIDE
 }
 
+/// Numbers of patches of an image, in rows of patches.
+pub(crate) struct Patches {
+    /// The first pixel of the first patch.
+    first: [isize; 2],
+    /// Patches in a row.
+    pub columns: usize,
+}
+
+impl Patches {
+    /// The patches from row `top` on, where a band begins, of an image `width` wide.
+    pub const fn new(scale: usize, width: usize, top: usize) -> Self {
+        let offset = offset(scale) as isize;
+        let before = if offset > 0 { SIDE as isize - offset } else { 0 };
+        let first = [-before, if top == 0 { -before } else { top as isize }];
+        Self { first, columns: (width + before as usize).div_ceil(SIDE) }
+    }
+
+    /// The number of the patch from `(x, y)` on.
+    #[inline(always)]
+    pub const fn index(&self, [x, y]: [isize; 2]) -> usize {
+        let [column, row] = [(x - self.first[0]) as usize / SIDE, (y - self.first[1]) as usize / SIDE];
+        row * self.columns + column
+    }
+}
+
 impl<'a> Warp<'a, 2> {
     /// The same for the first neighbour alone.
     pub fn of_first(self) -> Warp<'a, 1> {
@@ -153,6 +178,11 @@ impl<'a> Warp<'a, 2> {
 }
 
 impl<const N: usize> Warp<'_, N> {
+    /// The patches of the band that begins at row `top`.
+    pub fn patches(&self, top: usize) -> Patches {
+        Patches::new(self.scale, self.images[0].width(), top)
+    }
+
     /// The first pixels of every sixteen patches of a band. The order keeps the source pixels in the cache until the
     /// patches below need them.
     pub fn runs(&self, rows: usize, top: usize) -> impl Iterator<Item = [isize; 2]> + use<N> {

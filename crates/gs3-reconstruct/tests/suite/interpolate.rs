@@ -3,7 +3,7 @@
 use crate::common::{Sheet, World, camera, wall_and_post};
 use crate::world::psnr_where;
 use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, Reprojected, Warped};
-use gs3_scene::{Camera, GBuffer, Image};
+use gs3_scene::{Camera, GBuffer, Image, block_grid};
 use gs3_test_support::psnr;
 use proptest::prelude::*;
 
@@ -134,6 +134,44 @@ fn the_less_uncertain_neighbor_counts_more() {
         for (k, [r, ..]) in out.pixels().iter().enumerate() {
             assert!((r - expected).abs() < 1e-4, "pixel {k}: {r} instead of {expected}");
         }
+    }
+}
+
+/// A square in one neighbour alone: its blocks, and only these, are expected to err, by the square of the difference times the
+/// shares. At scales where patches begin at blocks, between blocks, and one pixel before them.
+#[test]
+fn blocks_where_the_neighbors_differ_are_expected_to_err() {
+    let camera = pose(0.0);
+    let world = wall_and_post(40.0);
+    for scale in [1, 2, 4, 6, 8] {
+        let [before, mut after] = [(); 2].map(|()| Frame::of(&world, camera, scale, [0.0; 2]));
+        let square = |x: usize, y: usize| (32..48).contains(&x) && (24..40).contains(&y);
+        let width = after.image.width();
+        for (k, (pixel, old)) in after.image.pixels_mut().iter_mut().zip(before.image.pixels()).enumerate() {
+            let change = if square(k % width, k / width) { 0.25 } else { 0.0 };
+            *pixel = [old[0] + change, old[1], old[2], old[3]];
+        }
+        let mut interpolator = Interpolator::new(scale).unwrap();
+        let (mut out, mut errors) = (Image::default(), Vec::new());
+        interpolator.interpolate(before.neighbor(), after.neighbor(), 0.25, &camera, &mut out).unwrap();
+        interpolator.expected_errors(&mut errors);
+        let [columns, rows] = block_grid(camera.size());
+        assert_eq!(errors.len(), columns * rows);
+        for (k, error) in errors.iter().enumerate() {
+            let [x, y] = [k % columns * 4, k / columns * 4];
+            // Both neighbours are as uncertain, so the shares are those of the time. 3.6 is the factor for what both lack.
+            let inside = 3.6 * 16.0 * 0.25 * 0.75 * 0.25_f32.powi(2);
+            let is_within = (36..44).contains(&x) && (28..36).contains(&y);
+            let is_beside = (28..52).contains(&x) && (20..44).contains(&y);
+            if is_within {
+                assert!((error / inside - 1.0).abs() < 1e-3, "scale {scale}, {x}, {y}: {error} of {inside}");
+            } else if !is_beside {
+                assert!(*error < 1e-6, "scale {scale}, {x}, {y}: {error}");
+            }
+        }
+        let all: f32 = errors.iter().sum();
+        let expected = 3.6 * 256.0 * 0.25 * 0.75 * 0.25_f32.powi(2);
+        assert!((all / expected - 1.0).abs() < 0.02, "scale {scale}: {all} of {expected}");
     }
 }
 
