@@ -25,6 +25,16 @@ pub trait RasterizeHere {
     /// Exact blocks of the last frame of [`Self::rasterize`], if the rasterizer makes exact blocks.
     fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError>;
 
+    /// Exact blocks of the image of `camera`, colours alone, if the rasterizer makes exact blocks. [`Self::rasterize_blocks`] needs a
+    /// new frame then.
+    fn rasterize_image_blocks(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        places: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) -> Result<(), PipelineError>;
+
     /// Rasterizes into an image.
     async fn rasterize_image(
         &mut self,
@@ -51,6 +61,16 @@ impl RasterizeHere for Rasterizer {
 
     fn rasterize_blocks(&mut self, places: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError> {
         Ok(Self::rasterize_blocks(self, places, out)?)
+    }
+
+    fn rasterize_image_blocks(
+        &mut self,
+        camera: &Camera,
+        settings: &RasterSettings,
+        places: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) -> Result<(), PipelineError> {
+        Ok(Self::rasterize_image_blocks(self, camera, settings, places, out)?)
     }
 
     async fn rasterize_image(
@@ -80,6 +100,17 @@ impl RasterizeHere for GpuRasterizer {
     }
 
     fn rasterize_blocks(&mut self, _: &[[u16; 2]], out: &mut ExactBlocks) -> Result<(), PipelineError> {
+        out.clear();
+        Ok(())
+    }
+
+    fn rasterize_image_blocks(
+        &mut self,
+        _: &Camera,
+        _: &RasterSettings,
+        _: &[[u16; 2]],
+        out: &mut ExactBlocks,
+    ) -> Result<(), PipelineError> {
         out.clear();
         Ok(())
     }

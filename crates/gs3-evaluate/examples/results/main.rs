@@ -16,6 +16,7 @@ mod page;
 mod parts;
 mod rest;
 mod score;
+mod truth;
 
 use std::error::Error;
 use std::fmt::Write;

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::fmt::Write;
 
 use gs3::Stage;
-use gs3_evaluate::methods::{MethodSettings, build};
+use gs3_evaluate::methods::{MethodSettings, MethodSpec, build};
 use gs3_scene::{Camera, CameraPath, Image};
 
 use crate::along::HISTORY;
@@ -46,12 +46,12 @@ pub fn table(
     let mut native = build("native".parse()?, settings)?;
     let truths = cameras
         .iter()
-        .map(|camera| Ok(native.render(camera, None)?.current.clone()))
+        .map(|camera| Ok(native.render(camera, &[])?.current.clone()))
         .collect::<Result<Vec<Image>, Box<dyn Error>>>()?;
     let mut text =
         String::from("| LR frames | method | PSNR | SSIM | ms per frame |\n|---|---|--:|--:|--:|\n");
     let of = |values: &[f64]| at.iter().map(|k| values[*k]).sum::<f64>() / at.len() as f64;
-    let ours = || rows[HISTORY..].iter().step_by(2);
+    let ours = || rows[HISTORY..].iter().filter(|row| row.in_between == 0);
     for row in ours() {
         writeln!(
             text,
@@ -65,10 +65,10 @@ pub fn table(
     let best = ours().map(|row| of(&row.rendered.psnr)).fold(f64::NEG_INFINITY, f64::max);
     let mut ahead = Vec::new();
     for name in METHODS {
-        let mut method = build(name.parse()?, settings)?;
-        let mut row = Row::new(name, 1.0);
+        let spec: MethodSpec = name.parse()?;
+        let (mut method, mut row) = (build(spec, settings)?, Row::new(spec));
         for (camera, truth) in cameras.iter().zip(&truths) {
-            let image = method.render(camera, None)?.current.clone();
+            let image = method.render(camera, &[])?.current.clone();
             row.rendered.add(truth, &image)?;
             row.milliseconds.push(milliseconds(method.as_ref(), &Stage::ALL));
         }

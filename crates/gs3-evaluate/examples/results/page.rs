@@ -36,24 +36,26 @@ const METHODS: &str = "\
     | `native` | gs3's own rasterizer, every pixel, with AccuTile culling |\n\
     | `bicubic`, `hermite` | one LR frame enlarged; `hermite` reads exact gradients |\n\
     | `history`, `analytic` | super sampling without learning; the second name of each pair also \
-    shows an in-between frame before each rendered one |\n\
+    shows one in-between frame before each rendered one |\n\
     | `kriging`, `kriged` | the same, with kriging where first-order predictions err visibly |\n\
     | `overscan`, `overscanned` | the same, with LR frames rasterized beyond the edges that the \
     camera turns to |\n\
     | `fast_ss`, `fast`, `balanced_ss`, `balanced`, `high_ss`, `high` | the same, with super sampling \
     by the tier's network; kriging is coarse below `fast` and fine below `high` |\n\
     | `refined_fast`, `refined`, `refined_high` | `history` with exact pixels at the quality fast, balanced and high; \
-    `default` is `refined` with in-between frames: what gs3 does unless it is told otherwise |\n\
+    `+warp` also shows one in-between frame before each rendered one, `+warp2` two; `default` is `refined+warp`: what gs3 does \
+    unless it is told otherwise |\n\
     \n\
     | measure | is |\n\
     |---|---|\n\
     | PSNR rendered, PSNR between | one mean squared error a frame over RGB in [0, 1], mean over \
-    frames; in-between frames are compared with native rendering at the true pose |\n\
+    frames; in-between frames are compared with native rendering at their true poses, half-way between two rendered frames, or \
+    at one and two thirds of the way, nearer to rendered frames |\n\
     | SSIM | as in scikit-image, over rendered frames |\n\
     | edge PSNR | PSNR of the pixels within 2 px of a discontinuity of the native depth of 10 %, over rendered frames |\n\
     | block RMSE | 99th percentile of the RMSE of 8×8 blocks, of 255, mean over rendered frames |\n\
-    | tPSNR | PSNR of the differences of consecutive displayed frames; in-between frames halve the \
-    time between them |\n\
+    | tPSNR | PSNR of the differences of consecutive displayed frames; one in-between frame leaves a half \
+    of the time between them, two a third |\n\
     | displayed FPS | frames displayed for a rendered frame, over the median time of the rendered \
     frame |\n";
 
@@ -159,8 +161,21 @@ fn behind(sections: &Sections) -> String {
         let ssim = |i: usize| mean_of_rendered(&rows[i].rendered.ssim).unwrap_or_default();
         let between = |i: usize| mean(&rows[i].between.psnr).unwrap_or_default();
         let name = |i: usize| &rows[i].name;
-        // Ours against baselines, and against what of ours they build on: exact pixels on history alone.
-        for ours in (HISTORY..rows.len()).step_by(2) {
+        for ours in HISTORY..rows.len() {
+            if rows[ours].in_between > 0 {
+                let lead = between(ANALYTIC) - between(ours);
+                if lead >= 0.005 {
+                    add(format!("{path}: between, analytic has {lead:.2} dB more PSNR than {}.", name(ours)));
+                }
+                if let (Some(native), Some(fps)) = (rows[NATIVE].fps(), rows[ours].fps())
+                    && fps < native
+                {
+                    let shows = format!("shows {fps:.2} frames a second, native rendering {native:.2}");
+                    add(format!("{path}: {} {shows}.", name(ours)));
+                }
+                continue;
+            }
+            // Super sampling against baselines, and against what of ours it builds on: exact pixels on history alone.
             let parts = if name(ours).starts_with("refined") {
                 &[HISTORY][..]
             } else {
@@ -177,17 +192,6 @@ fn behind(sections: &Sections) -> String {
                 if lead >= 0.000_05 {
                     add(format!("{path}: {} has {lead:.4} more SSIM than {}.", name(other), name(ours)));
                 }
-            }
-            let whole = ours + 1;
-            let lead = between(ANALYTIC) - between(whole);
-            if lead >= 0.005 {
-                add(format!("{path}: between, analytic has {lead:.2} dB more PSNR than {}.", name(whole)));
-            }
-            if let (Some(native), Some(fps)) = (rows[NATIVE].fps(), rows[whole].fps())
-                && fps < native
-            {
-                let shows = format!("shows {fps:.2} frames a second, native rendering {native:.2}");
-                add(format!("{path}: {} {shows}.", name(whole)));
             }
         }
         if let (Some(bicubic), Some(history)) = (rows[BICUBIC].fps(), rows[HISTORY].fps())

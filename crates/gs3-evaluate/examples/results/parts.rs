@@ -7,6 +7,7 @@ use gs3_evaluate::methods::{MethodSettings, MethodSpec, build};
 use gs3_scene::CameraPath;
 
 use crate::score::{Row, follow, mean, shown};
+use crate::truth::Truth;
 
 /// The paths of their frames, and how many of them: from an empty history on, all that it holds, and half of that
 /// again.
@@ -38,26 +39,23 @@ pub fn table(
     path: &CameraPath,
     settings: &MethodSettings,
 ) -> Result<(String, Vec<String>), Box<dyn Error>> {
-    let mut native = build(MethodSpec::NATIVE, settings)?;
     let mut methods = Vec::new();
     for (_, name) in PARTS {
-        methods.push((build(name.parse()?, settings)?, Row::new(name, 2.0), None));
+        let spec: MethodSpec = name.parse()?;
+        methods.push((build(spec, settings)?, Row::new(spec), None));
     }
+    let mut truth = Truth::new(path, settings, methods.iter().map(|(_, row, _)| row.in_between))?;
     for (k, camera) in path.cameras().iter().take(FRAMES).enumerate() {
-        let middle = (k > 0).then(|| path.at(k as f64 - 0.5));
-        let truth_between = match &middle {
-            Some(camera) => Some(native.render(camera, None)?.current.clone()),
-            None => None,
-        };
-        let truth = native.render(camera, None)?.current.clone();
+        truth.render(k)?;
         for (method, row, before) in &mut methods {
-            let shown = method.render(camera, middle.as_ref())?;
-            if let (Some(truth), Some(image)) = (&truth_between, shown.in_between) {
+            let (cameras, truths) = truth.between(row.in_between);
+            let shown = method.render(camera, &cameras)?;
+            for (truth, image) in truths.into_iter().zip(shown.in_between.into_iter().flatten()) {
                 row.between.add(truth, image)?;
                 follow(row, before, truth, image.clone())?;
             }
-            row.rendered.add(&truth, shown.current)?;
-            follow(row, before, &truth, shown.current.clone())?;
+            row.rendered.add(&truth.current, shown.current)?;
+            follow(row, before, &truth.current, shown.current.clone())?;
         }
     }
     let mut text =

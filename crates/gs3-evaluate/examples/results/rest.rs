@@ -18,14 +18,14 @@ pub const FRAMES: [usize; 3] = [4, 8, 16];
 /// Rows of a table: every method of ours at the first camera of `path`.
 pub fn rows(path_name: &str, path: &CameraPath, settings: &MethodSettings) -> Result<String, Box<dyn Error>> {
     let Some(camera) = path.cameras().first() else { return Ok(String::new()) };
-    let truth = build(MethodSpec::NATIVE, settings)?.render(camera, None)?.current.clone();
+    let truth = build(MethodSpec::NATIVE, settings)?.render(camera, &[])?.current.clone();
     let mut text = String::new();
-    for [alone, _] in OURS {
+    for (alone, _) in OURS {
         // Those without weights are told of with the paths.
         let Ok(mut method) = build(alone.parse()?, settings) else { continue };
         write!(text, "| {path_name} | {alone} |")?;
         for k in 1..=FRAMES[FRAMES.len() - 1] {
-            let image = method.render(camera, None)?.current;
+            let image = method.render(camera, &[])?.current;
             if FRAMES.contains(&k) {
                 write!(text, " {:.2} |", psnr(&truth, image, Quantisation::None)?.min(PSNR_CAP))?;
             }

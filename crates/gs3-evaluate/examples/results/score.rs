@@ -4,7 +4,7 @@ use std::error::Error;
 use std::time::Duration;
 
 use gs3::{KEYFRAMES, Stage};
-use gs3_evaluate::methods::Method;
+use gs3_evaluate::methods::{Method, MethodSpec};
 use gs3_evaluate::metrics::{
     DepthEdges, Quantisation, SsimBorder, block_rmse_p99, edge_psnr, psnr, ssim, tpsnr,
 };
@@ -19,7 +19,8 @@ pub struct Row {
     pub between: Scores,
     pub tpsnr: Vec<f64>,
     pub milliseconds: Vec<f64>,
-    pub displayed_per_rendered: f64,
+    /// Frames shown between two rendered ones.
+    pub in_between: u32,
 }
 
 /// Scores of frames, in their order.
@@ -33,14 +34,14 @@ pub struct Scores {
 }
 
 impl Row {
-    pub fn new(name: &str, displayed_per_rendered: f64) -> Self {
+    pub fn new(spec: MethodSpec) -> Self {
         Self {
-            name: name.into(),
+            name: spec.to_string(),
             rendered: Scores::default(),
             between: Scores::default(),
             tpsnr: Vec::new(),
             milliseconds: Vec::new(),
-            displayed_per_rendered,
+            in_between: spec.in_between(),
         }
     }
 
@@ -48,7 +49,7 @@ impl Row {
     pub fn fps(&self) -> Option<f64> {
         let mut times = self.milliseconds.clone();
         times.sort_by(f64::total_cmp);
-        Some(self.displayed_per_rendered * 1e3 / times.get(times.len() / 2)?)
+        Some(f64::from(self.in_between + 1) * 1e3 / times.get(times.len() / 2)?)
     }
 }
 

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use gs3::{AdaptiveJitter, DepthLattice, FramePipeline, Mode, ResetReason, Sampling, Stage};
+use gs3::{
+    DepthLattice, FramePipeline, MAX_IN_BETWEEN, Mode, PipelineError, Presented, ResetReason, Sampling, Stage,
+};
 use gs3_raster::{KERBL_DILATION, Outputs, RasterSettings, Rasterizer, matched_dilation};
-use gs3_reconstruct::{Interpolator, Kriging, ResampleKernel, SuperSampler};
+use gs3_reconstruct::{FrameSequence, Interpolator, Kriging, ResampleKernel, SuperSampler};
 use gs3_scene::{Camera, GBuffer, Gradients, Image};
 use rayon::prelude::*;
 
@@ -13,8 +15,7 @@ use super::formation::reduce;
 use super::interpolation::{Frame, interpolate};
 use super::learned::{published, trained};
 use super::{
-    Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Shown, Spatial,
-    pipeline,
+    Durations, Formation, Interpolation, Method, MethodError, MethodSettings, MethodSpec, Spatial, pipeline,
 };
 use crate::network::{PublishedWeights, Rt4ksr, Safmn, Span};
 use crate::upscale::{Fsr1, Hermite, Lanczos, RidgeMap, Upscaler};
@@ -26,7 +27,7 @@ pub(super) struct Baseline {
     interpolator: Interpolator,
     previous: Frame,
     current: Frame,
-    between: Image,
+    between: Vec<Image>,
     durations: Durations,
 }
 
@@ -35,7 +36,7 @@ enum SpatialPart {
     /// gs3's pipeline, without interpolation.
     Pipeline(Box<FramePipeline>),
     /// gs3's history on gradients of bicubic interpolation.
-    Gradientless { source: Box<LrSource>, super_sampler: Box<SuperSampler>, jitter: AdaptiveJitter },
+    Gradientless { source: Box<LrSource>, super_sampler: Box<SuperSampler>, sequence: Box<FrameSequence> },
     /// LR frames and an upscaler.
     Upscaled { source: Box<LrSource>, upscaler: Box<dyn Upscaler> },
 }
@@ -45,7 +46,7 @@ impl Baseline {
         let of_pipeline = |mode| pipeline(mode, spec, settings).map(|p| SpatialPart::Pipeline(Box::new(p)));
         let upscaled = |upscaler: Box<dyn Upscaler>| {
             let outputs = match (upscaler.outputs(), spec.interpolation) {
-                (Outputs::Color, Interpolation::Warp) => Outputs::Samples,
+                (Outputs::Color, Interpolation::Warp(_)) => Outputs::Samples,
                 (outputs, _) => outputs,
             };
             let source = Box::new(LrSource::new(spec.formation, outputs, settings));
@@ -62,7 +63,7 @@ impl Baseline {
             Spatial::Gradientless => SpatialPart::Gradientless {
                 source: Box::new(LrSource::new(spec.formation, Outputs::Samples, settings)),
                 super_sampler: Box::new(SuperSampler::new(settings.scale, Kriging::Off)?),
-                jitter: AdaptiveJitter::new(settings.scale, Sampling::Jittered),
+                sequence: Box::new(FrameSequence::new(settings.scale, Sampling::Jittered, 0)),
             },
             Spatial::Nearest => upscaled(Box::new(ResampleKernel::Nearest)),
             Spatial::Bilinear => upscaled(Box::new(ResampleKernel::Bilinear)),
@@ -85,7 +86,7 @@ impl Baseline {
             interpolator: Interpolator::new(settings.scale)?,
             previous: Frame::default(),
             current: Frame::default(),
-            between: Image::default(),
+            between: vec![Image::default(); spec.in_between() as usize],
             durations: Durations::default(),
         })
     }
@@ -95,16 +96,22 @@ impl Method for Baseline {
     fn reset(&mut self) {
         self.previous.camera = None;
         self.current.camera = None;
-        if let SpatialPart::Pipeline(pipeline) = &mut self.spatial {
-            pipeline.reset(ResetReason::CameraCut);
+        match &mut self.spatial {
+            SpatialPart::Pipeline(pipeline) => pipeline.reset(ResetReason::CameraCut),
+            SpatialPart::Gradientless { sequence, .. } => sequence.reset(ResetReason::CameraCut),
+            SpatialPart::Upscaled { .. } => {}
         }
     }
 
-    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
+    fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, MethodError> {
+        let (expected, actual) = (self.between.len(), between.len());
+        if ![0, expected].contains(&actual) {
+            return Err(PipelineError::Between { expected, actual }.into());
+        }
         std::mem::swap(&mut self.previous, &mut self.current);
         self.current.camera = Some(*camera);
         self.durations = Durations::default();
-        let needs_gbuffer = self.spec.interpolation == Interpolation::Warp;
+        let needs_gbuffer = matches!(self.spec.interpolation, Interpolation::Warp(_));
         match &mut self.spatial {
             SpatialPart::Pipeline(pipeline) => {
                 self.current.image.clone_from(pipeline.render(camera)?.current);
@@ -113,14 +120,14 @@ impl Method for Baseline {
                 }
                 self.durations = Stage::ALL.map(|stage| pipeline.times().get(stage));
             }
-            SpatialPart::Gradientless { source, super_sampler, jitter } => {
+            SpatialPart::Gradientless { source, super_sampler, sequence } => {
                 let Frame { gbuffer, image, .. } = &mut self.current;
-                if middle.is_none() {
-                    super_sampler.reset(ResetReason::CameraCut);
-                    jitter.reset();
+                let start = sequence.begin(camera);
+                if let Some(reason) = start.reset {
+                    super_sampler.reset(reason);
                 }
-                let offset = jitter.next(camera, &DepthLattice::of(&self.previous.gbuffer));
-                self.durations[Stage::Rasterize as usize] = source.render(camera, offset, gbuffer)?;
+                self.durations[Stage::Rasterize as usize] = source.render(camera, start.jitter, gbuffer)?;
+                sequence.commit(camera, start.reset, start.jitter, DepthLattice::of(gbuffer));
                 let started = Instant::now();
                 difference(gbuffer);
                 super_sampler.super_sample(camera, gbuffer, image)?;
@@ -136,26 +143,24 @@ impl Method for Baseline {
                 self.durations[Stage::SuperSample as usize] = Some(started.elapsed());
             }
         }
-        let between = match (self.previous.camera.is_some(), self.spec.interpolation, middle) {
-            (false, ..) | (_, Interpolation::None, _) => None,
-            (true, _, None) => Some(&self.previous.image),
-            (true, interpolation, Some(middle)) => {
+        let mut in_between = [None; MAX_IN_BETWEEN as usize];
+        if self.previous.camera.is_some() {
+            let places = in_between.iter_mut().zip(&mut self.between);
+            for (k, (pose, (shown, out))) in between.iter().zip(places).enumerate() {
+                let t = (k + 1) as f32 / (expected + 1) as f32;
+                let (before, after) = (&self.previous, &self.current);
                 let started = Instant::now();
-                let made = interpolate(
-                    interpolation,
-                    &mut self.interpolator,
-                    &self.previous,
-                    &self.current,
-                    middle,
-                    &mut self.between,
-                )?;
-                if made {
-                    self.durations[Stage::Interpolate as usize] = Some(started.elapsed());
+                let interpolation = self.spec.interpolation;
+                let is_made =
+                    interpolate(interpolation, &mut self.interpolator, before, after, (t, pose), out)?;
+                if is_made {
+                    let spent = self.durations[Stage::Interpolate as usize].get_or_insert_default();
+                    *spent += started.elapsed();
                 }
-                Some(if made { &self.between } else { &self.previous.image })
+                *shown = Some(if is_made { &*out } else { &before.image });
             }
-        };
-        Ok(Shown { in_between: between, current: &self.current.image })
+        }
+        Ok(Presented { in_between, current: &self.current.image })
     }
 
     fn durations(&self) -> Durations {
@@ -264,8 +269,43 @@ fn weights(spec: MethodSpec, settings: &MethodSettings) -> Result<PublishedWeigh
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::methods::build;
+    use gs3::Culling;
     use gs3_reconstruct::{hermite, resample};
-    use gs3_scene::Planes;
+    use gs3_scene::{Planes, demo, orbit};
+
+    #[test]
+    fn frames_between_are_those_of_the_pipeline() -> Result<(), Box<dyn std::error::Error>> {
+        let scene = Arc::new(demo::scene()?);
+        let path = orbit::around(&scene, 60, 96, 64)?;
+        let settings = MethodSettings {
+            scene,
+            scale: 4,
+            culling: Culling::AccuTile,
+            background: [0.1, 0.2, 0.3],
+            training: Vec::new(),
+            weights: None,
+        };
+        for name in ["history+warp", "history+warp2", "history+warp3"] {
+            let spec: MethodSpec = name.parse()?;
+            let (mut parts, mut whole) = (Baseline::new(spec, &settings)?, build(spec, &settings)?);
+            for k in 0..4 {
+                let count = if k > 0 { spec.displayed_per_rendered() } else { 0 };
+                let time = |part: usize| k as f64 - 1.0 + part as f64 / count as f64;
+                let between: Vec<Camera> = (1..count).map(|part| path.at(time(part))).collect();
+                let parts = parts.render(&path.cameras()[k], &between)?;
+                let whole = whole.render(&path.cameras()[k], &between)?;
+                assert_eq!(parts.iter().count(), between.len() + 1, "{name} {k}");
+                assert!(parts.iter().eq(whole.iter()), "{name} {k}");
+            }
+            let refused = parts.render(&path.cameras()[4], &path.cameras()[..4]).err();
+            assert!(
+                matches!(refused, Some(MethodError::Pipeline(PipelineError::Between { actual: 4, .. }))),
+                "{refused:?}"
+            );
+        }
+        Ok(())
+    }
 
     #[test]
     fn hermite_on_central_differences_is_catmull_rom() {

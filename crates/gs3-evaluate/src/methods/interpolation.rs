@@ -14,13 +14,14 @@ pub(super) struct Frame {
     pub image: Image,
 }
 
-/// Makes the frame between `before` and `after` in `out`; false if the method makes none, and `before` stays on.
+/// Makes the frame between `before` and `after` in `out`, at time `t` ∈ (0, 1) and its camera `pose`; false if the method
+/// makes none, and `before` stays on.
 pub(super) fn interpolate(
     interpolation: Interpolation,
     interpolator: &mut Interpolator,
     before: &Frame,
     after: &Frame,
-    middle: &Camera,
+    (t, pose): (f32, &Camera),
     out: &mut Image,
 ) -> Result<bool, MethodError> {
     match interpolation {
@@ -34,11 +35,11 @@ pub(super) fn interpolate(
             Ok(true)
         }
         // Learned interpolation is part of the pipeline, and `build` takes no other.
-        Interpolation::Warp | Interpolation::Learned(_) => {
+        Interpolation::Warp(_) | Interpolation::Learned(_) => {
             let (Some(from), Some(to)) = (&before.camera, &after.camera) else { return Ok(false) };
             let before = Neighbor { camera: from, image: &before.image, gbuffer: &before.gbuffer };
             let after = Neighbor { camera: to, image: &after.image, gbuffer: &after.gbuffer };
-            interpolator.interpolate(before, after, 0.5, middle, out)?;
+            interpolator.interpolate(before, after, t, pose, out)?;
             Ok(true)
         }
     }

@@ -15,11 +15,11 @@ use std::time::Duration;
 
 use gs3::{
     Culling, Dilation, FramePipeline, KEYFRAMES, Mode, NetworkError, PipelineError, PipelineSettings,
-    Quality, Refine, ResetReason, Sampling, Scale, Stage,
+    Presented, Quality, Refine, ResetReason, Sampling, Scale, Stage,
 };
 use gs3_raster::RasterError;
 use gs3_reconstruct::{Kriging, ReconstructError};
-use gs3_scene::{Camera, Image, Scene};
+use gs3_scene::{Camera, Scene};
 
 use crate::network::PublishedWeightError;
 use crate::upscale::{RidgeError, UpscaleError};
@@ -102,26 +102,18 @@ pub enum MethodError {
     },
 }
 
-/// What a rendered frame gives to show.
-#[derive(Clone, Copy, Debug)]
-pub struct Shown<'a> {
-    /// The frame half-way from the previous one, of methods that interpolate.
-    pub in_between: Option<&'a Image>,
-    /// The frame at the camera asked for.
-    pub current: &'a Image,
-}
-
 /// A method at work on one sequence.
 pub trait Method {
     /// Forgets the frames before.
     fn reset(&mut self);
 
-    /// Renders the frame of `camera`, and the one between it and the previous at `middle`. At a cut `middle` is absent:
-    /// nothing lies between, and methods that interpolate show the previous frame once more.
+    /// Renders the frame of `camera`, and the frames between the previous frame and this one at the cameras `between`:
+    /// as many as [`MethodSpec::in_between`] says, in order, equally spaced in time. At the first frame and at a cut
+    /// `between` is empty. Where a method gives no frames between, the previous frame is shown at these moments.
     ///
     /// # Errors
-    /// [`MethodError`] if the method cannot.
-    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError>;
+    /// [`MethodError`] if the method cannot, or if `between` has another number.
+    fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, MethodError>;
 
     /// How long the stages of the last frame took.
     fn durations(&self) -> Durations;
@@ -161,7 +153,7 @@ pub fn build(spec: MethodSpec, settings: &MethodSettings) -> Result<Box<dyn Meth
     let mode = match spec.interpolation {
         Interpolation::None if spec.spatial == Spatial::Native => Mode::Native,
         Interpolation::None if spec.spatial.is_pipeline() => Mode::SuperSample,
-        Interpolation::Warp | Interpolation::Learned(_) if spec.spatial.is_pipeline() => Mode::Full,
+        Interpolation::Warp(_) | Interpolation::Learned(_) if spec.spatial.is_pipeline() => Mode::Full,
         _ => return Ok(Box::new(Baseline::new(spec, settings)?)),
     };
     Ok(Box::new(pipeline(mode, spec, settings)?))
@@ -190,7 +182,8 @@ fn pipeline(mode: Mode, spec: MethodSpec, settings: &MethodSettings) -> Result<F
         keyframes: if matches!(spec.spatial, Spatial::Refined(_)) { KEYFRAMES } else { 0 },
         dilation,
         culling: settings.culling,
-        in_between: 1,
+        // Modes without frames between do not read it.
+        in_between: spec.in_between(),
         background: settings.background,
         ..PipelineSettings::default()
     };
@@ -203,10 +196,8 @@ impl Method for FramePipeline {
         FramePipeline::reset(self, ResetReason::CameraCut);
     }
 
-    fn render(&mut self, camera: &Camera, middle: Option<&Camera>) -> Result<Shown<'_>, MethodError> {
-        let poses = middle.map_or(&[][..], std::slice::from_ref);
-        let presented = self.render_with_poses(camera, poses)?;
-        Ok(Shown { in_between: presented.in_between[0], current: presented.current })
+    fn render(&mut self, camera: &Camera, between: &[Camera]) -> Result<Presented<'_>, MethodError> {
+        Ok(self.render_with_poses(camera, between)?)
     }
 
     fn refined_share(&self) -> Option<f64> {

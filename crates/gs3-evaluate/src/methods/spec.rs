@@ -3,8 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use gs3::Quality;
 use gs3::neural::model::{PublishedNetwork, Tier};
+use gs3::{MAX_IN_BETWEEN, Quality};
 
 /// How a method makes a frame from a rendered one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -75,8 +75,9 @@ pub enum Interpolation {
     Repeat,
     /// The mean of the two neighbours.
     Blend,
-    /// gs3's analytic warp of both neighbours to the middle pose.
-    Warp,
+    /// gs3's analytic warp of both neighbours to the poses between, and how many frames it makes: 1 to
+    /// [`MAX_IN_BETWEEN`]. They are equally spaced; `warp` names one of them, `warp2` two and `warp3` three.
+    Warp(u32),
     /// gs3's learned interpolation on top of [`Self::Warp`].
     Learned(Tier),
 }
@@ -148,25 +149,27 @@ const SPATIAL: [(&str, Spatial); 26] = [
 ];
 const FORMATIONS: [(&str, Formation); 3] =
     [("matched", Formation::Matched), ("kerbl", Formation::Kerbl), ("antialiased", Formation::Antialiased)];
-const INTERPOLATIONS: [(&str, Interpolation); 6] = [
+const INTERPOLATIONS: [(&str, Interpolation); 8] = [
     ("repeat", Interpolation::Repeat),
     ("blend", Interpolation::Blend),
-    ("warp", Interpolation::Warp),
+    ("warp", Interpolation::Warp(1)),
+    ("warp2", Interpolation::Warp(2)),
+    ("warp3", Interpolation::Warp(3)),
     ("fast", Interpolation::Learned(Tier::Fast)),
     ("balanced", Interpolation::Learned(Tier::Balanced)),
     ("high", Interpolation::Learned(Tier::High)),
 ];
-/// Names of both parts of gs3 together, as `gs3 render` has them unless it is told to interpolate by networks:
-/// `refined+warp` by default, `history+warp` with `--refine off`, `kriging+warp` with `--kriging`, `overscan+warp` with `--overscan` too,
-/// `fast_ss+warp` with learning, and so on.
+/// Names of both parts of gs3 together. `default` is what `gs3 render` does unless it is told otherwise. The others have
+/// one frame between two rendered ones, as the paper: `history+warp` is `--refine off --in-between 1`, `kriging+warp` the
+/// same with `--kriging`, `overscan+warp` with `--overscan` too, `fast_ss+warp` with learning, and so on.
 const WHOLE: [(&str, (Spatial, Interpolation)); 7] = [
-    ("default", (Spatial::Refined(Quality::Balanced), Interpolation::Warp)),
-    ("analytic", (Spatial::History, Interpolation::Warp)),
-    ("kriged", (Spatial::Kriging, Interpolation::Warp)),
-    ("overscanned", (Spatial::Overscan, Interpolation::Warp)),
-    ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Warp)),
-    ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Warp)),
-    ("high", (Spatial::Learned(Tier::High), Interpolation::Warp)),
+    ("default", (Spatial::Refined(Quality::Balanced), Interpolation::Warp(1))),
+    ("analytic", (Spatial::History, Interpolation::Warp(1))),
+    ("kriged", (Spatial::Kriging, Interpolation::Warp(1))),
+    ("overscanned", (Spatial::Overscan, Interpolation::Warp(1))),
+    ("fast", (Spatial::Learned(Tier::Fast), Interpolation::Warp(1))),
+    ("balanced", (Spatial::Learned(Tier::Balanced), Interpolation::Warp(1))),
+    ("high", (Spatial::Learned(Tier::High), Interpolation::Warp(1))),
 ];
 
 /// The methods compared where none are named.
@@ -239,16 +242,20 @@ impl MethodSpec {
         all
     }
 
+    /// Frames shown between two rendered ones.
+    #[must_use]
+    pub const fn in_between(self) -> u32 {
+        match self.interpolation {
+            Interpolation::None => 0,
+            Interpolation::Repeat | Interpolation::Blend | Interpolation::Learned(_) => 1,
+            Interpolation::Warp(count) => count,
+        }
+    }
+
     /// Frames shown for each rendered one.
     #[must_use]
     pub const fn displayed_per_rendered(self) -> usize {
-        match self.interpolation {
-            Interpolation::None => 1,
-            Interpolation::Repeat
-            | Interpolation::Blend
-            | Interpolation::Warp
-            | Interpolation::Learned(_) => 2,
-        }
+        self.in_between() as usize + 1
     }
 
     /// All names. Each may be followed by one of [`Self::formations`] and one of [`Self::interpolations`].
@@ -272,8 +279,12 @@ impl MethodSpec {
 
     pub(super) fn check(self, method: &str) -> Result<Self, SpecError> {
         let learned = matches!(self.interpolation, Interpolation::Learned(_));
-        let warps = self.interpolation == Interpolation::Warp || learned;
-        let expected = if self.spatial == Spatial::Native && (self.formation != Formation::Matched || warps) {
+        let warps = matches!(self.interpolation, Interpolation::Warp(_)) || learned;
+        let is_too_few_or_many =
+            self.interpolation == Interpolation::Warp(0) || self.in_between() > MAX_IN_BETWEEN;
+        let expected = if is_too_few_or_many {
+            "a warp to 1 to 3 frames between two rendered ones"
+        } else if self.spatial == Spatial::Native && (self.formation != Formation::Matched || warps) {
             "no LR formation and no warp with native rendering"
         } else if self.formation == Formation::Antialiased && (self.spatial.reads_gbuffer() || warps) {
             "a rasterized LR formation (matched or kerbl) where gradients or depth are read"
@@ -351,12 +362,14 @@ fn unknown(method: &str, part: &'static str, known: String, actual: &str) -> Spe
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gs3::PipelineSettings;
 
     #[test]
     fn names_read_back_as_written() {
         let names = DEFAULT_METHODS
             .split(',')
             .chain(["span@antialiased", "analytic@kerbl", "hermite@kerbl+warp", "ecbsr_trained+warp"])
+            .chain(["refined+warp2", "refined_fast+warp2", "history@kerbl+warp3", "fast_ss+warp2"])
             .chain([
                 "fast",
                 "balanced_ss",
@@ -373,8 +386,38 @@ mod tests {
         for name in names {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
-        for (parts, whole) in [("history+warp", "analytic"), ("balanced_ss+warp", "balanced")] {
+        for (parts, whole) in
+            [("history+warp", "analytic"), ("balanced_ss+warp", "balanced"), ("refined+warp", "default")]
+        {
             assert_eq!(parts.parse::<MethodSpec>(), whole.parse());
+        }
+    }
+
+    #[test]
+    fn methods_say_how_many_frames_they_show_between_two_rendered_ones() {
+        let in_between = |name: &str| name.parse::<MethodSpec>().map(MethodSpec::in_between);
+        for (name, count) in [
+            ("refined", 0),
+            ("bicubic+repeat", 1),
+            ("bicubic+blend", 1),
+            ("analytic", 1),
+            ("balanced_ss+balanced", 1),
+            ("refined+warp", 1),
+            ("refined+warp2", 2),
+            ("history+warp3", 3),
+        ] {
+            assert_eq!(in_between(name), Ok(count), "{name}");
+        }
+        assert_eq!(in_between("default"), Ok(PipelineSettings::default().in_between));
+        let most = INTERPOLATIONS.iter().filter(|(_, part)| matches!(part, Interpolation::Warp(_))).count();
+        assert_eq!(most, MAX_IN_BETWEEN as usize);
+        for count in [0, MAX_IN_BETWEEN + 1] {
+            let spec = MethodSpec {
+                spatial: Spatial::Bicubic,
+                formation: Formation::Matched,
+                interpolation: Interpolation::Warp(count),
+            };
+            assert!(matches!(spec.check(""), Err(SpecError::Combination { .. })), "{count}");
         }
     }
 
@@ -388,10 +431,12 @@ mod tests {
             )
         );
         assert!(message("bicubic@blurry").contains("found 'blurry'"));
-        assert!(message("bicubic+flow").contains("repeat, blend, warp"));
+        assert!(message("bicubic+flow").contains("repeat, blend, warp, warp2, warp3"));
         for name in [
             "native@kerbl",
             "native+warp",
+            "native+warp2",
+            "bicubic+warp4",
             "hermite@antialiased",
             "bicubic@antialiased+warp",
             "bicubic+balanced",

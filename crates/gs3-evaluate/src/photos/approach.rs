@@ -13,9 +13,8 @@ const ROWS: u32 = 48;
 
 /// The cameras of `count` frames that lead to `target`, which follows them, in order: along the smooth curve from the
 /// nearest camera of `others` through `target` and on to the nearest on its other side, and no faster than
-/// [`FASTEST`] by `depth`. Each comes with the camera half-way from the frame before it. Without `others` the camera
-/// rests at `target`.
-pub(super) fn approach(target: &Camera, others: &[Camera], count: usize, depth: &Depth) -> Vec<[Camera; 2]> {
+/// [`FASTEST`] by `depth`. Without `others` the camera rests at `target`.
+pub(super) fn approach(target: &Camera, others: &[Camera], count: usize, depth: &Depth) -> Vec<Camera> {
     let [from, beyond] = neighbours(target, others, depth.typical);
     // Neighbours see with the target's lens: a photo of another size is another picture.
     let seen = |camera: &Camera| Camera::new(camera.view_from_world(), target.intrinsics()).ok();
@@ -32,8 +31,7 @@ pub(super) fn approach(target: &Camera, others: &[Camera], count: usize, depth: 
             step *= FASTEST / motion;
         }
     }
-    let frame = |k: usize| (count - k) as f64;
-    (0..count).map(|k| [camera(frame(k), step), camera(frame(k) + 0.5, step)]).collect()
+    (0..count).map(|k| camera((count - k) as f64, step)).collect()
 }
 
 /// The nearest camera to `target`, and the nearest of those on its other side.
@@ -136,11 +134,11 @@ mod tests {
         let way = approach(&camera(0.0, 64), &others, 16, &wall());
         assert_eq!(way.len(), 16);
         let x = |camera: &Camera| camera.position().x;
-        assert!((x(&way[0][0]) + 0.4).abs() < 1e-9, "from the nearest camera that is another");
-        for (k, [frame, middle]) in way.iter().enumerate() {
+        assert!((x(&way[0]) + 0.4).abs() < 1e-9, "from the nearest camera that is another");
+        for (k, frame) in way.iter().enumerate() {
             assert_eq!((frame.width(), frame.intrinsics().cx), (64, 32.0), "with the photo's own lens");
-            let before = k.checked_sub(1).map_or(x(frame), |before| x(&way[before][0]));
-            assert!(before <= x(middle) + 1e-9 && x(middle) <= x(frame) + 1e-9 && x(frame) < 0.0);
+            let before = k.checked_sub(1).map_or(x(frame), |before| x(&way[before]));
+            assert!(before <= x(frame) + 1e-9 && x(frame) < 0.0);
         }
     }
 
@@ -149,12 +147,7 @@ mod tests {
         let target = camera(0.0, 64);
         let way = approach(&target, &[camera(-20.0, 64), camera(20.0, 64)], 16, &wall());
         // At a distance of 5 and 100 pixels of focal length a unit is 20 pixels.
-        let steps: Vec<f64> = way
-            .iter()
-            .map(|[frame, _]| frame)
-            .chain([&target])
-            .map(|camera| 20.0 * camera.position().x)
-            .collect();
+        let steps: Vec<f64> = way.iter().chain([&target]).map(|camera| 20.0 * camera.position().x).collect();
         for pair in steps.windows(2) {
             let step = pair[1] - pair[0];
             assert!((0.8 * FASTEST..=1.01 * FASTEST).contains(&step), "{steps:?}");
@@ -166,7 +159,7 @@ mod tests {
         let target = camera(0.0, 64);
         for others in [&[][..], &[target]] {
             let way = approach(&target, others, 4, &wall());
-            assert!(way.len() == 4 && way.iter().flatten().all(|camera| *camera == target), "{others:?}");
+            assert!(way.len() == 4 && way.iter().all(|camera| *camera == target), "{others:?}");
         }
         let nothing = Depth { points: Vec::new(), typical: 1.0 };
         assert_eq!(approach(&target, &[camera(1.0, 64)], 4, &nothing).len(), 4);

@@ -17,7 +17,6 @@ use std::sync::Arc;
 
 use gs3::Culling;
 use gs3_raster::Rasterizer;
-use gs3_scene::camera_path::pose_between;
 use gs3_scene::{Camera, CameraError, CameraPath, Image, Intrinsics, Scene, Size};
 
 pub use error::PhotoError;
@@ -27,7 +26,7 @@ use crate::digest;
 use crate::methods::{Interpolation, Method, MethodSettings, MethodSpec, build, check_weights};
 use crate::metrics::flip::DEFAULT_PIXELS_PER_DEGREE;
 use crate::metrics::{Quantisation, SsimBorder, flip, psnr, ssim};
-use crate::protocol::{Cache, Crop, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
+use crate::protocol::{Cache, EvaluateError, Event, Failure, PSNR_CAP, crop, part_of};
 use approach::{Depth, approach};
 
 use undistort::Undistortion;
@@ -81,8 +80,8 @@ struct Photo {
     camera: Camera,
     /// What makes the photo the camera's image, where its lens is no pinhole.
     undistortion: Option<Undistortion>,
-    /// The cameras of the frames before it, each with the one half-way from the frame before.
-    way: Vec<[Camera; 2]>,
+    /// The cameras of the frames before it.
+    way: Vec<Camera>,
 }
 
 /// The photos of a capture that are there, in its order, as indices of their cameras; and the names of those that are
@@ -274,7 +273,7 @@ impl PhotoProtocol {
             let read = photo.undistortion.as_ref().map(|u| u.apply(&read)).unwrap_or(read);
             let truth = top_left(&read, width, height);
             method.reset();
-            let shown = method.render(&photo.camera, None).map_err(EvaluateError::from)?.current;
+            let shown = method.render(&photo.camera, &[]).map_err(EvaluateError::from)?.current;
             let mut image = as_file(shown);
             let alone = photo_score(&truth, &image).map_err(EvaluateError::from)?;
             let mut after_way = alone;
@@ -285,8 +284,7 @@ impl PhotoProtocol {
             let (name, size) = (photo.name.clone(), [width, height]);
             score.images.push(PhotoImage { name, size, score: alone, after_way });
             if i % photos.len().div_ceil(SHOWN) == 0 {
-                let Crop { truth_png, png, .. } = crop(i, &truth, &image);
-                score.crops.push((photo.name.clone(), Crop { displayed: i, truth_png, png }));
+                score.crops.push((photo.name.clone(), crop(&truth, &image)));
             }
             progress(i + 1);
         }
@@ -326,11 +324,10 @@ fn alike(folder: &Path, name: &str) -> Option<PathBuf> {
 /// What `method` shows at `photo` after the frames before it.
 fn shown_after<'a>(method: &'a mut dyn Method, photo: &Photo) -> Result<&'a Image, PhotoError> {
     method.reset();
-    for (k, [camera, middle]) in photo.way.iter().enumerate() {
-        method.render(camera, Some(middle).filter(|_| k > 0)).map_err(EvaluateError::from)?;
+    for camera in &photo.way {
+        method.render(camera, &[]).map_err(EvaluateError::from)?;
     }
-    let last = photo.way.last().map(|[last, _]| pose_between(last, &photo.camera, 0.5));
-    Ok(method.render(&photo.camera, last.as_ref()).map_err(EvaluateError::from)?.current)
+    Ok(method.render(&photo.camera, &[]).map_err(EvaluateError::from)?.current)
 }
 
 /// `camera` with images of `size`, if that is its image's at another scale: each side may be off by the rounding of a

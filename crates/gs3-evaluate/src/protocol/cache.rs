@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::EvaluateError;
+use crate::digest;
 use crate::methods::{MethodSpec, weights_digest};
 
 /// The folder of finished parts of one protocol.
@@ -59,17 +60,15 @@ impl Cache {
     }
 }
 
-/// The name of the part of `method`. For a method that reads weights, the name includes the weights. With other
-/// weights it is another part, so that scores of different weights are not mixed up.
+/// The name of the part of `method`. With other weights it is another part, and so it is if the method's name comes to
+/// stand for something else, like another number of frames between: scores are not mixed up.
 pub(crate) fn part_of(
     method: MethodSpec,
     scale: u32,
     weights: Option<&Path>,
 ) -> Result<String, EvaluateError> {
-    Ok(match weights_digest(method, scale, weights)? {
-        Some(digest) => format!("{method}-{digest:016x}"),
-        None => method.to_string(),
-    })
+    let digest = digest::of(&(method, weights_digest(method, scale, weights)?));
+    Ok(format!("{method}-{digest:016x}"))
 }
 
 /// Writes a file whole or not at all: a run that is interrupted leaves no half file under its name.
@@ -84,4 +83,24 @@ pub(super) fn write_whole(
 pub(super) fn at_path(path: &Path) -> impl FnOnce(std::io::Error) -> EvaluateError {
     let path = path.to_owned();
     move |source| EvaluateError::File { path, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_of_other_numbers_of_frames_between_are_other_parts_under_any_name()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let mut digests = Vec::new();
+        for name in ["refined", "refined+warp2", "default", "refined+warp3"] {
+            let part = part_of(name.parse()?, 4, None)?;
+            let digest = part.strip_prefix(name).and_then(|rest| rest.strip_prefix('-'));
+            digests.push(digest.ok_or("expected the method's name")?.to_owned());
+        }
+        digests.sort();
+        digests.dedup();
+        assert_eq!(digests.len(), 4);
+        Ok(())
+    }
 }

@@ -10,7 +10,8 @@ use gs3_scene::{Camera, GBuffer, Image, Planes};
 use rayon::prelude::*;
 
 use super::cache::{at_path, write_whole};
-use super::results::{Subset, TruthFacts};
+use super::moment::Moment;
+use super::results::TruthFacts;
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
 use crate::metrics::{DepthEdges, WarpFrame, warping_error};
@@ -36,7 +37,7 @@ impl Truth {
 /// Frames are stored as 16-bit RGB: their rounding, 4e-6 rms, bounds PSNR at 108 dB, above the cap of the protocol.
 const LEVELS: f32 = 65535.0;
 
-/// The ground truth of all displayed frames.
+/// The ground truth of all displayed frames, each rendered once.
 pub(super) struct GroundTruth<'a> {
     timeline: &'a Timeline,
     rasterizer: Rasterizer,
@@ -58,18 +59,18 @@ impl<'a> GroundTruth<'a> {
         }
     }
 
-    fn file(&self, index: usize) -> PathBuf {
-        self.folder.join(format!("{index:05}.bin"))
+    fn file(&self, Moment(moment): Moment) -> PathBuf {
+        self.folder.join(format!("{moment:05}.bin"))
     }
 
-    /// Renders displayed frame `index` unless it is there.
-    pub fn ensure(&mut self, index: usize) -> Result<(), EvaluateError> {
-        let path = self.file(index);
+    /// Renders the frame displayed at `moment` unless it is there.
+    pub fn ensure(&mut self, moment: Moment) -> Result<(), EvaluateError> {
+        let path = self.file(moment);
         if path.exists() {
             return Ok(());
         }
         fs::create_dir_all(&self.folder).map_err(at_path(&self.folder))?;
-        self.rasterizer.rasterize(self.timeline.displayed(index), &self.settings, &mut self.gbuffer)?;
+        self.rasterizer.rasterize(self.timeline.camera(moment), &self.settings, &mut self.gbuffer)?;
         let color: Vec<u16> =
             self.gbuffer.color.data().par_iter().map(|v| (v.clamp(0.0, 1.0) * LEVELS + 0.5) as u16).collect();
         let depth = self.gbuffer.geometry.as_ref().map_or(&[][..], |g| g.depth_median.data());
@@ -79,12 +80,12 @@ impl<'a> GroundTruth<'a> {
         })
     }
 
-    /// Displayed frame `index`.
-    pub fn load(&mut self, index: usize) -> Result<Arc<Truth>, EvaluateError> {
-        self.ensure(index)?;
-        let camera = *self.timeline.displayed(index);
+    /// The frame displayed at `moment`.
+    pub fn load(&mut self, moment: Moment) -> Result<Arc<Truth>, EvaluateError> {
+        self.ensure(moment)?;
+        let camera = *self.timeline.camera(moment);
         let (width, height) = (camera.width() as usize, camera.height() as usize);
-        let path = self.file(index);
+        let path = self.file(moment);
         let size = width * height;
         let mut color = vec![0u16; 3 * size];
         let mut depth = Planes::new(width, height);
@@ -100,34 +101,25 @@ impl<'a> GroundTruth<'a> {
         Ok(Arc::new(Truth { camera, image, depth, edges }))
     }
 
-    /// What the ground truth says about itself: its own warping error and the speed of its motion.
-    pub fn facts(&mut self) -> Result<TruthFacts, EvaluateError> {
-        let mut warping = [const { Vec::new() }; 3];
-        let mut speeds = [const { Vec::new() }; 2];
-        let mut edge_shares = Vec::new();
-        let mut recent: Vec<Arc<Truth>> = Vec::new();
-        for index in 0..self.timeline.displayed_count() {
-            let truth = self.load(index)?;
-            let subset = Subset::of_displayed(index);
+    /// What the ground truth says about itself where `in_between` frames lie between two rendered ones.
+    pub fn facts(&mut self, in_between: u32) -> Result<TruthFacts, EvaluateError> {
+        let (mut errors, mut distances, mut edge_shares) = (Vec::new(), Vec::new(), Vec::new());
+        let mut last: Option<Arc<Truth>> = None;
+        for moment in self.timeline.moments(in_between) {
+            let truth = self.load(moment)?;
             edge_shares.push(truth.edges.share());
-            for (subset, back) in [(Subset::All, 1), (subset, 2)] {
-                let Some(before) = recent.len().checked_sub(back).map(|i| &recent[i]) else { continue };
-                let error = warping_error([before.warp(&before.image), truth.warp(&truth.image)])?;
-                warping[subset as usize].extend(error);
-                speeds[back - 1].extend(motion(before, &truth.camera));
+            if let Some(before) = last {
+                errors.extend(warping_error([before.warp(&before.image), truth.warp(&truth.image)])?);
+                distances.extend(motion(&before, &truth.camera));
             }
-            if recent.len() == 2 {
-                recent.remove(0);
-            }
-            recent.push(truth);
+            last = Some(truth);
         }
         let mean =
             |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-        let [displayed, rendered] = speeds;
         Ok(TruthFacts {
-            warping_error: Subset::EACH.map(|subset| mean(&warping[subset as usize])),
-            motion_px_per_displayed_frame: mean(&displayed),
-            motion_px_per_rendered_frame: mean(&rendered),
+            in_between,
+            warping_error: mean(&errors),
+            motion_px: mean(&distances),
             edge_share: mean(&edge_shares),
         })
     }

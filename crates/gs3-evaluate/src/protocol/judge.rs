@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::EvaluateError;
 use super::ground_truth::{GroundTruth, Truth};
+use super::moment::Moment;
 use super::results::Subset;
 use super::timeline::Timeline;
 use crate::methods::{Durations, Method};
@@ -24,8 +25,8 @@ pub const PSNR_CAP: f64 = 100.0;
 /// Scores of one displayed frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameScore {
-    /// Index of the displayed frame at twice the rendered rate: even ones are rendered, odd ones lie between.
-    pub displayed: usize,
+    /// When it is shown.
+    pub moment: Moment,
     /// PSNR in dB, capped at [`PSNR_CAP`].
     pub psnr: f64,
     /// SSIM, borders cropped.
@@ -42,8 +43,6 @@ pub struct FrameScore {
 /// A detail of a displayed frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Crop {
-    /// Index of the displayed frame.
-    pub displayed: usize,
     /// The ground truth's detail, as PNG.
     pub truth_png: Vec<u8>,
     /// The method's, as PNG.
@@ -59,7 +58,8 @@ pub struct MethodScore {
     pub tpsnr: [Vec<f64>; 3],
     /// Warping error of the same pairs, where something is visible in both.
     pub warping_error: [Vec<f64>; 3],
-    /// Flicker of the triples of consecutive frames of each subset.
+    /// Flicker of the triples of consecutive frames of each subset. Interpolated frames alone have no value of these three
+    /// where there are several between two rendered ones, as they are not equally spaced then.
     pub flicker: [Vec<f64>; 3],
     /// Milliseconds of the stages of every rendered frame but the first, in the order of [`gs3::Stage::ALL`].
     pub stage_ms: Vec<[Option<f64>; Stage::ALL.len()]>,
@@ -70,8 +70,8 @@ pub struct MethodScore {
     pub refined_share: Vec<f64>,
     /// ColorVideoVDP of all frames in JOD, where it was asked for.
     pub jod: Option<f64>,
-    /// A detail of one rendered frame and of the frame before it.
-    pub crops: Vec<Crop>,
+    /// A detail of one rendered frame and of the frames between it and the one before.
+    pub crops: Vec<(Moment, Crop)>,
 }
 
 /// A displayed frame with its ground truth.
@@ -81,62 +81,73 @@ struct Displayed {
     image: Arc<Image>,
 }
 
-/// Largest width and height that ColorVideoVDP sees, the middle of frames: its memory grows with pixels × frames. By
-/// what [`Viewing`] says, about 3 GB for this size and 60 frames (estimated, not measured).
+/// Largest width and height that ColorVideoVDP sees, the middle of frames: its memory grows with pixels × frames. Both
+/// videos, here and in its own format, take about 50 MB for each displayed frame of this size (estimated, not measured).
 const JOD_SIZE: (usize, usize) = (1280, 720);
 const JOD_MEMORY: usize = 4 << 30;
 
 /// A method under judgement.
 pub(super) struct Judged<'a> {
     pub method: &'a mut dyn Method,
+    /// Frames that it shows between two rendered ones.
+    pub in_between: u32,
     /// Native rendering, timed at the same time.
     pub beside: &'a mut dyn Method,
 }
 
 /// Runs a method and judges it, with ColorVideoVDP if frames are displayed at a `rate`.
 pub(super) fn judge(
-    Judged { method, beside }: Judged<'_>,
+    Judged { method, in_between, beside }: Judged<'_>,
     timeline: &Timeline,
     truth: &mut GroundTruth<'_>,
     warm_up_frames: usize,
     rate: Option<f64>,
     progress: &mut dyn FnMut(usize),
 ) -> Result<MethodScore, EvaluateError> {
-    for step in timeline.steps().iter().cycle().take(warm_up_frames) {
-        method.render(&step.camera, step.middle.as_ref())?;
-        beside.render(&step.camera, None)?;
+    for i in (0..timeline.rendered()).cycle().take(warm_up_frames) {
+        let camera = timeline.camera(Moment::rendered(i));
+        method.render(camera, &timeline.between(i, in_between))?;
+        beside.render(camera, &[])?;
     }
     method.reset();
     let mut score = MethodScore::default();
     let mut recent: [VecDeque<Displayed>; 3] = Default::default();
-    let crop_at = timeline.steps().len() / 2;
+    let crop_at = timeline.rendered() / 2;
+    let mut before = Arc::new(Image::default());
     let mut video: [Vec<Image>; 2] = Default::default();
-    for (i, step) in timeline.steps().iter().enumerate() {
-        // The first frame has no frame before it, also if a method still shows older images.
-        let shown = method.render(&step.camera, step.middle.as_ref())?;
-        let (between, current) = (
-            shown.in_between.filter(|_| i > 0).map(|image| Arc::new(image.clone())),
-            Arc::new(shown.current.clone()),
-        );
+    for i in 0..timeline.rendered() {
+        let camera = timeline.camera(Moment::rendered(i));
+        let shown = method.render(camera, &timeline.between(i, in_between))?;
+        // Where a method makes no frames between, the frame before stays on the screen.
+        let between = shown
+            .in_between
+            .map(|image| image.map_or_else(|| Arc::clone(&before), |image| Arc::new(image.clone())));
+        let current = Arc::new(shown.current.clone());
+        before = Arc::clone(&current);
         score.refined_share.extend(method.refined_share());
         // The first frame has nothing before it, so a method that interpolates does less there.
         if i > 0 {
             score.stage_ms.push(milliseconds(method.durations()));
-            beside.render(&step.camera, None)?;
+            beside.render(camera, &[])?;
             score.native_ms.push(milliseconds(beside.durations()).into_iter().flatten().sum());
         }
-        let displayed = between.map(|image| (2 * i - 1, image)).into_iter().chain([(2 * i, current)]);
-        for (index, image) in displayed {
-            let frame = Displayed { truth: truth.load(index)?, image };
-            score.frames.push(frame_score(index, &frame)?);
+        // The first frame has no moments before it, also if a method still shows older images.
+        let displayed = Moment::before(i, in_between).zip(between).chain([(Moment::rendered(i), current)]);
+        for (moment, image) in displayed {
+            let frame = Displayed { truth: truth.load(moment)?, image };
+            score.frames.push(frame_score(moment, &frame)?);
             if rate.is_some() {
                 video[0].push(middle(&frame.truth.image, JOD_SIZE));
                 video[1].push(middle(&frame.image, JOD_SIZE));
             }
             if i == crop_at {
-                score.crops.push(crop(index, &frame.truth.image, &frame.image));
+                score.crops.push((moment, crop(&frame.truth.image, &frame.image)));
             }
-            for subset in [Subset::All, Subset::of_displayed(index)] {
+            for subset in [Subset::All, Subset::of(moment)] {
+                // Not equally spaced.
+                if subset == Subset::Interpolated && in_between > 1 {
+                    continue;
+                }
                 let recent = &mut recent[subset as usize];
                 recent.push_back(frame.clone());
                 score_motion(subset, recent, &mut score)?;
@@ -155,10 +166,10 @@ pub(super) fn judge(
     Ok(score)
 }
 
-fn frame_score(displayed: usize, frame: &Displayed) -> Result<FrameScore, EvaluateError> {
+fn frame_score(moment: Moment, frame: &Displayed) -> Result<FrameScore, EvaluateError> {
     let (reference, test) = (&frame.truth.image, &*frame.image);
     Ok(FrameScore {
-        displayed,
+        moment,
         psnr: psnr(reference, test, Quantisation::None)?.min(PSNR_CAP),
         ssim: ssim(reference, test, SsimBorder::Crop)?,
         flip: flip(reference, test, DEFAULT_PIXELS_PER_DEGREE)?,
@@ -207,7 +218,7 @@ fn milliseconds(durations: Durations) -> [Option<f64>; Stage::ALL.len()] {
 const CROP: (usize, usize) = (320, 180);
 
 /// The part of the frame where the ground truth has most detail.
-pub(crate) fn crop(displayed: usize, truth: &Image, test: &Image) -> Crop {
+pub(crate) fn crop(truth: &Image, test: &Image) -> Crop {
     let size = (CROP.0.min(truth.width()), CROP.1.min(truth.height()));
     let mut best = (-1.0, (0, 0));
     for top in (0..=truth.height() - size.1).step_by(size.1.div_ceil(2)) {
@@ -219,7 +230,7 @@ pub(crate) fn crop(displayed: usize, truth: &Image, test: &Image) -> Crop {
         }
     }
     let png = |image: &Image| png_rgb8(image, best.1, size);
-    Crop { displayed, truth_png: png(truth), png: png(test) }
+    Crop { truth_png: png(truth), png: png(test) }
 }
 
 /// Sum of absolute differences of neighbouring green values, every other row.

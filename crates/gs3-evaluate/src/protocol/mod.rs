@@ -1,18 +1,21 @@
 //! The protocol: which frames are judged, against what, how they are timed.
 //!
 //! Ground truth is the scene rasterized at full size by the same rasterizer with exact tile culling, at the poses of
-//! rendered frames and of the in-between frames. Every method runs over the same cameras, after warming up; scores are
-//! taken outside the timed stages. Native rendering runs beside it, frame by frame, so that speed-ups compare what was
-//! measured at the same time. Finished methods are kept in the output folder, so a run that was interrupted resumes.
+//! rendered frames and at the true poses of the frames that methods show between them. Every method runs over the same
+//! cameras, after warming up; scores are taken outside the timed stages. Native rendering runs beside it, frame by frame,
+//! so that speed-ups compare what was measured at the same time. Finished methods are kept in the output folder, so a run
+//! that was interrupted resumes.
 
 mod cache;
 mod ground_truth;
 mod judge;
 mod machine;
+mod moment;
 mod paper;
 mod results;
 mod timeline;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -29,6 +32,8 @@ pub(crate) use judge::crop;
 pub use judge::{Crop, FrameScore, MethodScore, PSNR_CAP};
 use judge::{Judged, judge};
 pub use machine::MachineReport;
+pub use moment::Moment;
+use moment::PER_RENDERED;
 pub use paper::{Absent, Paper, PaperResults, PaperRow, Table};
 pub use results::{Failure, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts};
 pub use timeline::Case;
@@ -178,17 +183,21 @@ impl Protocol {
             let score = cache.load::<MethodScore>(&part)?;
             scores.push((*spec, part, score));
         }
-        if scores.iter().any(|(.., score)| score.is_none()) {
-            let total = timeline.displayed_count();
-            for index in 0..total {
-                truth.ensure(index)?;
-                watch(Event::GroundTruth { done: index + 1, total });
-            }
+        let unfinished = scores.iter().filter(|(.., score)| score.is_none());
+        let moments: BTreeSet<Moment> =
+            unfinished.flat_map(|(spec, ..)| timeline.moments(spec.in_between())).collect();
+        for (k, moment) in moments.iter().enumerate() {
+            truth.ensure(*moment)?;
+            watch(Event::GroundTruth { done: k + 1, total: moments.len() });
         }
-        let facts = match cache.load("ground_truth")? {
-            Some(facts) => facts,
-            None => cache.store("ground_truth", truth.facts()?)?,
-        };
+        let mut facts = Vec::new();
+        for count in methods.iter().map(|spec| spec.in_between()).collect::<BTreeSet<_>>() {
+            let part = format!("ground_truth-{count}");
+            facts.push(match cache.load(&part)? {
+                Some(facts) => facts,
+                None => cache.store(&part, truth.facts(count)?)?,
+            });
+        }
         let settings = MethodSettings {
             scene: Arc::clone(&self.scene),
             scale: self.scale,
@@ -206,12 +215,12 @@ impl Protocol {
                 finished.push((spec, score));
                 continue;
             }
-            let mut progress =
-                |done| watch(Event::Method { method: spec, done, total: timeline.steps().len() });
+            let mut progress = |done| watch(Event::Method { method: spec, done, total: timeline.rendered() });
             let judged = build(spec, &settings).map_err(EvaluateError::from).and_then(|mut method| {
                 let rate =
                     self.jod.then(|| self.path.frames_per_second() * spec.displayed_per_rendered() as f64);
-                let methods = Judged { method: method.as_mut(), beside: beside.as_mut() };
+                let (in_between, beside) = (spec.in_between(), beside.as_mut());
+                let methods = Judged { method: method.as_mut(), in_between, beside };
                 judge(methods, &timeline, &mut truth, self.warm_up_frames, rate, &mut progress)
             });
             match judged {
@@ -265,7 +274,8 @@ impl Protocol {
         let Size { width, height } = size;
         format!(
             "gs3-evaluate {} {scene_name} {scene:016x} {reference:016x} {path_name} {path:016x} {frames:?} {case:?} \
-             ({width}, {height}) x{scale} {culling:?} {beside:?} {background:?} {warm_up_frames} jod {jod} {} threads",
+             ({width}, {height}) x{scale} {culling:?} {beside:?} {background:?} {warm_up_frames} jod {jod} \
+             moments 1/{PER_RENDERED} {} threads",
             env!("CARGO_PKG_VERSION"),
             rayon::current_num_threads()
         )

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::judge::{MethodScore, PSNR_CAP};
 use super::machine::MachineReport;
+use super::moment::Moment;
 use super::timeline::Timeline;
 use super::{EvaluateError, Protocol};
 use crate::methods::{Formation, MethodSpec, Spatial};
@@ -28,10 +29,10 @@ impl Subset {
     /// All subsets, in order.
     pub const EACH: [Self; 3] = [Self::SuperSampled, Self::Interpolated, Self::All];
 
-    /// The subset of displayed frame `index` beside [`Self::All`].
+    /// The subset of the frame displayed at `moment`, beside [`Self::All`].
     #[must_use]
-    pub const fn of_displayed(index: usize) -> Self {
-        if index.is_multiple_of(2) { Self::SuperSampled } else { Self::Interpolated }
+    pub const fn of(moment: Moment) -> Self {
+        if moment.is_rendered() { Self::SuperSampled } else { Self::Interpolated }
     }
 
     /// The subset's name.
@@ -44,20 +45,20 @@ impl Subset {
         }
     }
 
-    const fn holds(self, displayed: usize) -> bool {
-        matches!(self, Self::All) || self as usize == Self::of_displayed(displayed) as usize
+    const fn holds(self, moment: Moment) -> bool {
+        matches!(self, Self::All) || self as usize == Self::of(moment) as usize
     }
 }
 
-/// Facts of the ground truth.
+/// Facts of the ground truth of all frames that some methods display.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TruthFacts {
-    /// Warping error of the ground truth itself, by subset in the order of [`Subset::EACH`].
-    pub warping_error: [Option<f64>; 3],
-    /// Median motion between displayed frames of a method that interpolates, in pixels; mean over the frames.
-    pub motion_px_per_displayed_frame: Option<f64>,
-    /// The same between rendered frames.
-    pub motion_px_per_rendered_frame: Option<f64>,
+    /// Frames that these methods show between two rendered ones.
+    pub in_between: u32,
+    /// Mean warping error of the ground truth itself from frame to frame.
+    pub warping_error: Option<f64>,
+    /// Median motion from frame to frame, in pixels; mean over the frames.
+    pub motion_px: Option<f64>,
     /// Share of the pixels that edge PSNR looks at, in `[0, 1]`; mean over the frames.
     pub edge_share: Option<f64>,
 }
@@ -87,6 +88,8 @@ pub struct ResultRow {
     pub method: String,
     /// Which of its frames.
     pub subset: Subset,
+    /// Frames that the method shows between two rendered ones.
+    pub in_between: u32,
     /// Mean PSNR in dB.
     pub psnr: f64,
     /// Mean SSIM.
@@ -99,7 +102,7 @@ pub struct ResultRow {
     pub block_rmse_p99: f64,
     /// Mean PSNR of frame differences in dB.
     pub tpsnr: Option<f64>,
-    /// Mean warping error; the ground truth's own stands in the protocol's facts.
+    /// Mean warping error; the ground truth's own, with as many frames between, stands in the protocol's facts.
     pub warping_error: Option<f64>,
     /// Mean flicker.
     pub flicker: Option<f64>,
@@ -125,7 +128,7 @@ pub struct ResultRow {
     pub super_sample: Option<StageStatistics>,
     /// Exact pixels.
     pub refine: Option<StageStatistics>,
-    /// Making the in-between frame.
+    /// Making the frames between it and the one before.
     pub interpolate: Option<StageStatistics>,
     /// All of it, per rendered frame.
     pub total: Option<StageStatistics>,
@@ -173,8 +176,6 @@ pub struct ProtocolFacts {
     pub frames: [usize; 2],
     /// Rendered frames.
     pub rendered_frames: usize,
-    /// Displayed frames of a method that interpolates.
-    pub displayed_frames: usize,
     /// Width and height of displayed frames.
     pub size: [u32; 2],
     /// HR over LR size.
@@ -187,9 +188,8 @@ pub struct ProtocolFacts {
     pub warm_up_frames: usize,
     /// What the ground truth is.
     pub ground_truth: String,
-    /// Its facts.
-    #[serde(flatten)]
-    pub truth: TruthFacts,
+    /// Its facts, by the number of frames that methods show between two rendered ones, rendered frames alone first.
+    pub truth: Vec<TruthFacts>,
     /// How figures are defined.
     pub conventions: Vec<String>,
     /// The machine.
@@ -221,7 +221,7 @@ impl Results {
     pub(super) fn new(
         protocol: &Protocol,
         timeline: &Timeline,
-        truth: TruthFacts,
+        truth: Vec<TruthFacts>,
         scores: Vec<(MethodSpec, MethodScore)>,
         failures: Vec<Failure>,
     ) -> Self {
@@ -269,12 +269,13 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
     };
     let (fps, speed) = (displayed_fps(spec, score), speed(spec, score));
     let row = |subset: Subset| {
-        let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.displayed)).collect();
+        let frames: Vec<_> = score.frames.iter().filter(|f| subset.holds(f.moment)).collect();
         let mean_of = |value: &dyn Fn(usize) -> f64| mean(&(0..frames.len()).map(value).collect::<Vec<_>>());
         let index = subset as usize;
         Some(ResultRow {
             method: spec.to_string(),
             subset,
+            in_between: spec.in_between(),
             psnr: mean_of(&|i| frames[i].psnr)?,
             ssim: mean_of(&|i| frames[i].ssim)?,
             flip: mean_of(&|i| frames[i].flip)?,
@@ -300,7 +301,7 @@ fn rows(spec: MethodSpec, score: &MethodScore, native: Option<f64>) -> Vec<Resul
     Subset::EACH.into_iter().filter_map(row).collect()
 }
 
-fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> ProtocolFacts {
+fn facts(protocol: &Protocol, timeline: &Timeline, truth: Vec<TruthFacts>) -> ProtocolFacts {
     let gaussians = protocol.scene.gaussians();
     ProtocolFacts {
         scene: protocol.scene_name.clone(),
@@ -309,15 +310,14 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
         path: protocol.path_name.clone(),
         case: protocol.case.name().into(),
         frames: [protocol.frames.start, protocol.frames.end],
-        rendered_frames: timeline.steps().len(),
-        displayed_frames: timeline.displayed_count(),
+        rendered_frames: timeline.rendered(),
         size: protocol.size.to_array(),
         scale: protocol.scale,
         culling: format!("{:?}", protocol.culling),
         background: protocol.background,
         warm_up_frames: protocol.warm_up_frames,
         ground_truth: "the scene rasterized at full size by the same rasterizer, dilation 0.3 px², tile culling without loss (AccuTile), at the poses of \
-                       rendered frames and at the true poses half-way between"
+                       rendered frames and at the true poses of the frames between"
             .into(),
         truth,
         conventions: vec![
@@ -334,9 +334,13 @@ fn facts(protocol: &Protocol, timeline: &Timeline, truth: TruthFacts) -> Protoco
                 "Block p99: the 99th percentile of the RMSE over RGB of the {BLOCK}×{BLOCK} blocks of a frame, of 255; mean over \
                  frames."
             ),
+            "In-between frames are equally spaced in time. Where a method makes none, as at a cut, the frame before stays on.".into(),
             "tPSNR: PSNR of the differences of consecutive frames of the subset.".into(),
             "Warping error: mean squared RGB distance along exact motion, where visible in both frames.".into(),
             "Flicker: rms of the error's part that alternates from frame to frame.".into(),
+            "In-between frames without rendered ones have no tPSNR, warping error and flicker if there is more than one before \
+             each rendered frame: they are not equally spaced."
+                .into(),
             "JOD: ColorVideoVDP of the middle 1280×720 pixels of all displayed frames, watched on a 30-inch 4K display from \
              0.75 m at the method's own displayed rate; 10 is no visible difference.".into(),
             "Methods with history start without one at the first frame: the first frames count as they are.".into(),
@@ -367,7 +371,7 @@ mod tests {
     fn speed_ups_compare_what_ran_at_the_same_time() {
         let score = |ms: f64, native_ms: f64| MethodScore {
             frames: vec![FrameScore {
-                displayed: 0,
+                moment: Moment::rendered(0),
                 psnr: 30.0,
                 ssim: 0.9,
                 flip: 0.1,

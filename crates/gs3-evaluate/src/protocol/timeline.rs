@@ -5,6 +5,8 @@ use std::ops::Range;
 use gs3_scene::camera_path::CameraPath;
 use gs3_scene::{Camera, CameraError, Size};
 
+use super::moment::{Moment, PER_RENDERED};
+
 /// How the camera moves over the evaluated frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Case {
@@ -29,61 +31,60 @@ impl Case {
     }
 }
 
-/// A rendered frame.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Step {
-    pub camera: Camera,
-    /// The true pose half-way from the step before; absent for the first step and at a cut.
-    pub middle: Option<Camera>,
-}
-
-/// The evaluated frames in order. Displayed frame `2 i` is rendered frame `i`, `2 i − 1` the one before it.
+/// The evaluated frames: what is to be seen at each moment.
 #[derive(Clone, Debug)]
 pub(super) struct Timeline {
-    steps: Vec<Step>,
+    /// By [`Moment`]. Before a cut, where nothing lies between, that is the camera of the frame before.
+    cameras: Vec<Camera>,
+    /// The first rendered frame after a cut.
+    cut: Option<usize>,
 }
 
 impl Timeline {
     pub fn new(path: &CameraPath, frames: Range<usize>, case: Case, size: Size) -> Result<Self, CameraError> {
         let count = frames.len();
-        let cut = count / 2;
+        let cut = (case == Case::Cut).then_some(count / 2);
         let length = path.cameras().len();
         let time = |i: usize| match case {
-            Case::Path => (frames.start + i) as f64,
             Case::Rest => frames.start as f64,
-            Case::Cut if i < cut => (frames.start + i) as f64,
-            Case::Cut => ((frames.start + i + length / 2) % length) as f64,
+            Case::Cut if cut.is_some_and(|cut| i >= cut) => ((frames.start + i + length / 2) % length) as f64,
+            Case::Path | Case::Cut => (frames.start + i) as f64,
         };
-        let camera = |time: f64| path.at(time).resized(size.width, size.height);
-        let step = |i: usize| {
-            let is_cut = case == Case::Cut && i == cut;
-            let middle = match case {
-                _ if i == 0 || is_cut => None,
-                Case::Rest => Some(camera(time(i))?),
-                Case::Path | Case::Cut => Some(camera(time(i) - 0.5)?),
+        let camera = |moment: Moment| {
+            // The rendered frame at the moment, or the next one, and how far away it is.
+            let next = moment.time().ceil() as usize;
+            let ahead = next as f64 - moment.time();
+            let time = match case {
+                Case::Rest => time(next),
+                Case::Cut if ahead > 0.0 && cut == Some(next) => time(next - 1),
+                Case::Path | Case::Cut => time(next) - ahead,
             };
-            Ok(Step { camera: camera(time(i))?, middle })
+            path.at(time).resized(size.width, size.height)
         };
-        Ok(Self { steps: (0..count).map(step).collect::<Result<_, CameraError>>()? })
+        let Moment(last) = Moment::rendered(count.saturating_sub(1));
+        Ok(Self { cameras: (0..=last).map(Moment).map(camera).collect::<Result<_, _>>()?, cut })
     }
 
-    pub fn steps(&self) -> &[Step] {
-        &self.steps
+    /// Number of rendered frames.
+    pub fn rendered(&self) -> usize {
+        self.cameras.len().div_ceil(PER_RENDERED)
     }
 
-    /// Number of displayed frames of a method that interpolates.
-    pub fn displayed_count(&self) -> usize {
-        2 * self.steps.len() - 1
+    /// The moments at which a method with `count` frames between two rendered ones displays a frame, in order.
+    pub fn moments(&self, count: u32) -> impl Iterator<Item = Moment> + use<> {
+        (0..self.rendered()).flat_map(move |i| Moment::before(i, count).chain([Moment::rendered(i)]))
     }
 
-    /// What displayed frame `index` should show. Before a cut, where nothing lies between, that is the frame before.
-    pub fn displayed(&self, index: usize) -> &Camera {
-        let step = &self.steps[index.div_ceil(2)];
-        match (index % 2, &step.middle) {
-            (0, _) => &step.camera,
-            (_, Some(middle)) => middle,
-            (_, None) => &self.steps[index / 2].camera,
-        }
+    /// What a frame displayed at `moment` should show.
+    pub fn camera(&self, moment: Moment) -> &Camera {
+        &self.cameras[moment.0]
+    }
+
+    /// The cameras of the `count` frames between rendered frame `i` and the one before it; none before the first frame
+    /// and at a cut.
+    pub fn between(&self, i: usize, count: u32) -> Vec<Camera> {
+        let moments = Moment::before(i, count).filter(|_| self.cut != Some(i));
+        moments.map(|moment| *self.camera(moment)).collect()
     }
 
     /// Up to `count` cameras of `path`, spread evenly over what lies outside `frames`, at the given size.
@@ -94,7 +95,7 @@ impl Timeline {
         size: Size,
         count: usize,
     ) -> Result<Vec<Camera>, CameraError> {
-        let evaluated: Vec<Camera> = self.steps.iter().map(|s| s.camera).collect();
+        let evaluated: Vec<Camera> = self.cameras.iter().step_by(PER_RENDERED).copied().collect();
         let mut outside = Vec::new();
         for camera in path.cameras()[..frames.start].iter().chain(&path.cameras()[frames.end..]) {
             let camera = camera.resized(size.width, size.height)?;

@@ -5,8 +5,10 @@ use std::fmt::Write;
 
 use super::base64;
 use super::markdown::number;
-use super::plot::{Axes, Series, color, plot};
-use crate::protocol::{Failure, FrameScore, MethodScore, ResultRow, Results, StageStatistics, Subset};
+use super::plot::{Axes, Series, color, plot, short};
+use crate::protocol::{
+    Failure, FrameScore, MethodScore, ProtocolFacts, ResultRow, Results, StageStatistics, Subset, TruthFacts,
+};
 
 /// The results as a self-contained page: tables, curves, details to compare, and how it was all measured.
 #[must_use]
@@ -44,14 +46,13 @@ pub(super) fn section(title: &str, body: &str) -> String {
 
 fn header(results: &Results) -> String {
     let p = &results.protocol;
-    let motion = |v: Option<f64>| v.map_or_else(|| "–".into(), |v| format!("{v:.1} px"));
+    let motion = by_frames_between(p, |facts| facts.motion_px.map(|v| format!("{v:.1} px")));
     let facts = [
         ("Scene", format!("{}, {} Gaussians, SH degree {}", p.scene, p.gaussians, p.sh_degree)),
         ("Camera path", format!("{}, frames {}..{} ({})", p.path, p.frames[0], p.frames[1], p.case)),
         ("Displayed size", format!("{}×{}", p.size[0], p.size[1])),
         ("Rendered size", format!("{}×{} (×{})", p.size[0] / p.scale, p.size[1] / p.scale, p.scale)),
-        ("Motion per displayed frame", motion(p.truth.motion_px_per_displayed_frame)),
-        ("Motion per rendered frame", motion(p.truth.motion_px_per_rendered_frame)),
+        ("Motion from frame to frame", motion),
         (
             "MachineReport",
             format!("{}, {} threads, {}", p.machine.processor, p.machine.threads, p.machine.simd),
@@ -63,6 +64,18 @@ fn header(results: &Results) -> String {
     format!(
         "<h1>gs3 evaluate</h1><p class=\"soft\">Against the scene's own native rendering.</p><div class=\"card facts\">{facts}</div>"
     )
+}
+
+/// A fact of the ground truth of rendered frames, and of all frames with one, two or three between two rendered ones.
+fn by_frames_between(protocol: &ProtocolFacts, fact: impl Fn(&TruthFacts) -> Option<String>) -> String {
+    let of = |facts: &TruthFacts| {
+        let value = fact(facts).unwrap_or_else(|| "–".into());
+        match facts.in_between {
+            0 => format!("{value} of rendered frames"),
+            count => format!("{value} with {count} between"),
+        }
+    };
+    protocol.truth.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
 /// A card of the methods that failed; nothing without any.
@@ -210,19 +223,16 @@ fn quality(results: &Results) -> String {
             escape(m.name)
         );
     }
-    let truth = |subset: Subset| {
-        results.protocol.truth.warping_error[subset as usize]
-            .map_or_else(|| "–".into(), |v| format!("{v:.2e}"))
-    };
+    let p = &results.protocol;
+    let warping = by_frames_between(p, |facts| facts.warping_error.map(|v| format!("{v:.2e}")));
+    let edge_share = p.truth.first().and_then(|facts| facts.edge_share);
     format!(
         "<div class=\"card\"><table><thead><tr><th>Method</th><th>LR frames</th>{titles}</tr></thead><tbody>{body}</tbody></table></div>\
-         <p class=\"soft\">Rendered: frames at rendered poses. Between: frames half-way between them. All: every frame that the \
-         method displays; the columns from SSIM on are over all. The ground truth's own warping error is {} between displayed \
-         frames ({} between rendered ones). Edge PSNR looks at {} of the pixels, near depth discontinuities; block p99 is the \
+         <p class=\"soft\">Rendered: frames at rendered poses. Between: frames interpolated between them. All: every frame that the \
+         method displays; the columns from SSIM on are over all. The ground truth's own warping error is {warping}. \
+         Edge PSNR looks at {} of the pixels, near depth discontinuities; block p99 is the \
          99th percentile of the RMSE of 8×8 blocks, of 255. Bold: the best but native.</p>",
-        truth(Subset::All),
-        truth(Subset::SuperSampled),
-        results.protocol.truth.edge_share.map_or_else(|| "–".into(), |v| format!("{:.1} %", 100.0 * v)),
+        edge_share.map_or_else(|| "–".into(), |v| format!("{:.1} %", 100.0 * v)),
     )
 }
 
@@ -273,7 +283,7 @@ fn curves(results: &Results) -> String {
                 .map(|(method, (name, score))| {
                     let first = results.protocol.frames[0] as f64;
                     let points = (score.frames.iter())
-                        .filter_map(|f| Some((first + f.displayed as f64 / 2.0, value(f)?)))
+                        .filter_map(|f| Some((first + f.moment.time(), value(f)?)))
                         .collect();
                     Series { method, name: escape(name), points }
                 })
@@ -288,12 +298,9 @@ fn curves(results: &Results) -> String {
 fn details(results: &Results) -> String {
     let mut crops: BTreeMap<String, BTreeMap<&str, String>> = BTreeMap::new();
     for (name, score) in &results.scores {
-        for crop in &score.crops {
-            let kind = match Subset::of_displayed(crop.displayed) {
-                Subset::Interpolated => "between",
-                Subset::SuperSampled | Subset::All => "rendered",
-            };
-            let frame = results.protocol.frames[0] as f64 + crop.displayed as f64 / 2.0;
+        for (moment, crop) in &score.crops {
+            let kind = if moment.is_rendered() { "rendered" } else { "between" };
+            let frame = short(results.protocol.frames[0] as f64 + moment.time());
             let crops = crops.entry(format!("{kind} (frame {frame})")).or_default();
             crops.entry("ground truth").or_insert_with(|| base64(&crop.truth_png));
             if name != "native" {
@@ -353,12 +360,11 @@ fn method_notes(results: &Results) -> String {
     let p = &results.protocol;
     let items: String = p.conventions.iter().map(|c| format!("<li>{}</li>", escape(c))).collect();
     format!(
-        "<div class=\"card\"><p>Ground truth: {}.</p><ul>{items}</ul><p>{} rendered frames, {} displayed by methods that \
-         interpolate; {} rendered frames to warm up; tile culling {}; background {:?}; {}, {} cores.</p>\
+        "<div class=\"card\"><p>Ground truth: {}.</p><ul>{items}</ul><p>{} rendered frames; {} rendered frames to warm up; \
+         tile culling {}; background {:?}; {}, {} cores.</p>\
          <p>Command: <code>{}</code></p></div>",
         escape(&p.ground_truth),
         p.rendered_frames,
-        p.displayed_frames,
         p.warm_up_frames,
         escape(&p.culling),
         p.background,

@@ -162,7 +162,7 @@ fn log_ticks((low, high): (f64, f64)) -> Vec<f64> {
 }
 
 /// A number without trailing zeros.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".into() } else { text.to_owned() }

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use gs3::Culling;
 use gs3::neural::model::{self, Tier, initial_weights};
 use gs3::neural::{Graph, Header, Weights};
-use gs3_evaluate::methods::MethodError;
-use gs3_evaluate::protocol::{Case, EvaluateError, Event, Protocol, Results, Subset};
+use gs3_evaluate::methods::{MethodError, MethodSettings, MethodSpec, build};
+use gs3_evaluate::metrics::{Quantisation, psnr};
+use gs3_evaluate::protocol::{Case, EvaluateError, Event, MethodScore, Moment, Protocol, Results, Subset};
 use gs3_evaluate::report;
 use gs3_scene::{CameraPath, Gaussians, OpacityMode, Scene, Size, orbit};
 
@@ -105,9 +106,11 @@ fn methods_are_scored_by_subset_and_rank_as_they_should() {
     );
     let (analytic, history) = (row("analytic", Subset::All), row("history+repeat", Subset::All));
     assert!(analytic.flicker < history.flicker && analytic.warping_error < history.warping_error);
-    let motion = results.protocol.truth;
-    let (displayed, rendered) =
-        (motion.motion_px_per_displayed_frame.unwrap(), motion.motion_px_per_rendered_frame.unwrap());
+    let [rendered, displayed] = results.protocol.truth[..] else {
+        panic!("rendered frames, and one between")
+    };
+    assert_eq!((rendered.in_between, displayed.in_between), (0, 1));
+    let (displayed, rendered) = (displayed.motion_px.unwrap(), rendered.motion_px.unwrap());
     assert!(displayed > 0.2 && (rendered / displayed - 2.0).abs() < 0.1, "{displayed} {rendered}");
 
     let json: serde_json::Value = serde_json::from_str(&serde_json::to_string(&results).unwrap()).unwrap();
@@ -138,7 +141,7 @@ fn methods_are_scored_by_subset_and_rank_as_they_should() {
     assert!(native.edge_psnr.unwrap() > 95.0 && native.block_rmse_p99 < 0.01, "{native:?}");
     assert!(analytic.edge_psnr.unwrap() < analytic.psnr, "{analytic:?}");
     assert!(analytic.block_rmse_p99 > 255.0 * 10.0_f64.powf(-analytic.psnr / 20.0), "{analytic:?}");
-    assert!((0.01..1.0).contains(&results.protocol.truth.edge_share.unwrap()));
+    assert!(results.protocol.truth.iter().all(|facts| (0.01..1.0).contains(&facts.edge_share.unwrap())));
 
     // A column of what was rasterized exactly, where some method does that.
     assert!(!page.contains("<th>Refined</th>") && !report::markdown(&results).contains("refined"));
@@ -160,22 +163,93 @@ fn a_resting_camera_converges_to_native_and_before_a_cut_the_last_frame_stays() 
     let folder = tempfile::tempdir().unwrap();
     let rest = Protocol { frames: 10..30, ..protocol("hermite,analytic", Case::Rest) };
     let (results, _) = run(&rest, folder.path());
-    let score = &results.scores.iter().find(|(name, _)| name == "analytic").unwrap().1;
-    let last = score.frames.last().unwrap().psnr;
+    let last = score_of(&results, "analytic").frames.last().unwrap().psnr;
     assert!(last > 50.0, "after S² jittered frames standing still is native: {last}");
-    assert!(results.protocol.truth.motion_px_per_displayed_frame.unwrap() < 1e-9);
+    assert!(results.protocol.truth.iter().all(|facts| facts.motion_px.unwrap() < 1e-9));
 
     let folder = tempfile::tempdir().unwrap();
-    let (results, _) = run(&protocol("bicubic+repeat,bicubic+blend", Case::Cut), folder.path());
-    let psnr = |method: &str, displayed: usize| {
-        let score = &results.scores.iter().find(|(name, _)| name == method).unwrap().1;
-        score.frames.iter().find(|f| f.displayed == displayed).unwrap().psnr
-    };
-    // Nothing lies between the frames beside a cut: the one before (4) should stay on (5), and it does.
-    for method in ["bicubic+repeat", "bicubic+blend"] {
-        assert_eq!(psnr(method, 5), psnr(method, 4));
-        assert_ne!(psnr(method, 3), psnr(method, 2));
+    let methods = "bicubic+repeat,bicubic+blend,analytic,history+warp2,hermite+warp3";
+    let (results, _) = run(&protocol(methods, Case::Cut), folder.path());
+    // Nothing lies between the frames beside a cut: the one before (2) should stay on until the next (3), and it does.
+    for method in methods.split(',') {
+        let count = method.parse::<MethodSpec>().unwrap().in_between();
+        let psnr = |moment: Moment| {
+            score_of(&results, method).frames.iter().find(|f| f.moment == moment).unwrap().psnr
+        };
+        assert!(Moment::before(3, count).all(|moment| psnr(moment) == psnr(Moment::rendered(2))), "{method}");
+        assert!(Moment::before(2, count).all(|moment| psnr(moment) != psnr(Moment::rendered(1))), "{method}");
     }
+}
+
+/// Two frames between are at a third and two thirds of the way, and so is what they are compared with.
+#[test]
+fn frames_between_are_judged_at_their_own_moments() {
+    let folder = tempfile::tempdir().unwrap();
+    let methods = ["analytic", "history+warp2", "hermite+warp2", "history+warp3"];
+    let protocol = Protocol { warm_up_frames: 0, ..protocol(&methods.join(","), Case::Path) };
+    let (results, _) = run(&protocol, folder.path());
+    assert_eq!(results.failures, []);
+    let settings = MethodSettings {
+        scene: Arc::clone(&protocol.scene),
+        scale: protocol.scale,
+        culling: protocol.culling,
+        background: protocol.background,
+        training: Vec::new(),
+        weights: None,
+    };
+    let mut native = build(MethodSpec::NATIVE, &settings).unwrap();
+    let ways: [&[f64]; 4] = [&[0.5], &[1.0 / 3.0, 2.0 / 3.0], &[1.0 / 3.0, 2.0 / 3.0], &[0.25, 0.5, 0.75]];
+    for (name, way) in methods.into_iter().zip(ways) {
+        let mut method = build(name.parse().unwrap(), &settings).unwrap();
+        let mut expected = Vec::new();
+        for k in 0..protocol.frames.len() {
+            let at = |time: f64| protocol.path.at(protocol.frames.start as f64 + time);
+            let times: Vec<f64> = way.iter().filter(|_| k > 0).map(|t| k as f64 - 1.0 + t).collect();
+            let between: Vec<_> = times.iter().map(|time| at(*time)).collect();
+            let shown = method.render(&at(k as f64), &between).unwrap();
+            assert_eq!(shown.iter().count(), times.len() + 1);
+            for (time, image) in times.into_iter().chain([k as f64]).zip(shown.iter()) {
+                let truth = native.render(&at(time), &[]).unwrap().current;
+                expected.push((time, psnr(truth, image, Quantisation::None).unwrap()));
+            }
+        }
+        let frames = &score_of(&results, name).frames;
+        assert_eq!(frames.len(), expected.len());
+        for (frame, (time, psnr)) in frames.iter().zip(&expected) {
+            assert!((frame.moment.time() - time).abs() < 1e-9, "{name}: {} {time}", frame.moment.time());
+            // The protocol keeps the truth at 16 bits: 108 dB. At 60 dB or less that is worth 1e-4 dB.
+            assert!(*psnr < 60.0 && (frame.psnr - psnr).abs() < 1e-3, "{name} {time}: {} {psnr}", frame.psnr);
+        }
+
+        let row = |subset| results.row(name, subset).unwrap();
+        let between: Vec<f64> =
+            frames.iter().filter(|f| !f.moment.is_rendered()).map(|frame| frame.psnr).collect();
+        let mean = between.iter().sum::<f64>() / between.len() as f64;
+        assert!((row(Subset::Interpolated).psnr - mean).abs() < 1e-9, "{name}: the mean over all of them");
+        let (all, rendered) = (row(Subset::All), row(Subset::SuperSampled));
+        assert_eq!((rendered.frames, all.frames), (6, 5 * way.len() + 6));
+        let shown = all.displayed_fps.unwrap() * all.total.unwrap().median_ms / 1e3;
+        assert!((shown - (way.len() + 1) as f64).abs() < 1e-9, "{name}: {shown} frames for a rendered one");
+        let score = score_of(&results, name);
+        let motion = [Subset::All, Subset::SuperSampled, Subset::Interpolated]
+            .map(|subset| [score.tpsnr[subset as usize].len(), score.flicker[subset as usize].len()]);
+        let alone = if way.len() == 1 { [4, 3] } else { [0, 0] };
+        assert_eq!(motion, [[all.frames - 1, all.frames - 2], [5, 4], alone], "{name}");
+    }
+    let truth = |count: usize| results.protocol.truth[count];
+    for count in 0..=3 {
+        let times = truth(0).motion_px.unwrap() / truth(count).motion_px.unwrap();
+        assert!(
+            truth(count).in_between as usize == count && (times - (count + 1) as f64).abs() < 0.1,
+            "{times}"
+        );
+    }
+    let page = report::html(&results);
+    assert!(page.contains("between (frame 12.3333)") && page.contains("with 2 between"));
+}
+
+fn score_of<'a>(results: &'a Results, method: &str) -> &'a MethodScore {
+    &results.scores.iter().find(|(name, _)| name == method).unwrap().1
 }
 
 #[test]

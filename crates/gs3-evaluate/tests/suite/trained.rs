@@ -37,7 +37,7 @@ fn samples_are_where_networks_expect_them() {
     };
     let frame = |method: &str| {
         let mut method = build(method.parse().unwrap(), &settings).unwrap();
-        method.render(&camera, None).unwrap().current.clone()
+        method.render(&camera, &[]).unwrap().current.clone()
     };
     let (native, made) = (frame("native"), frame("ecbsr_trained"));
     let sample = PublishedNetwork::Ecbsr.sample(4);

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use gs3_raster::{Outputs, Rasterizer};
 use gs3_reconstruct::{
     DepthLattice, Interpolator, Neighbor, ResampleKernel, ResetReason, SuperSampler, resample, select_blocks,
+    write_blocks,
 };
 use gs3_scene::{Camera, ExactBlocks, GBuffer, Image, Margin, Scene, Size, block_grid};
 
@@ -91,6 +92,9 @@ pub struct CpuStages {
     /// The exact blocks of the frame.
     blocks: ExactBlocks,
     controller: ShareController,
+    /// The exact blocks of an in-between frame, and the errors that they are chosen by.
+    blocks_between: ExactBlocks,
+    errors_between: Vec<f32>,
 }
 
 impl CpuStages {
@@ -120,6 +124,8 @@ impl CpuStages {
             analytic: Image::default(),
             blocks: ExactBlocks::default(),
             controller: ShareController::default(),
+            blocks_between: ExactBlocks::default(),
+            errors_between: Vec::new(),
         })
     }
 
@@ -167,7 +173,9 @@ impl CpuStages {
 
                 // The previous frame and this one to the in-between frames.
                 if !inputs.moments.is_empty() {
-                    times.time(Stage::Interpolate, async { self.interpolate(inputs, frames) }).await?;
+                    times
+                        .time(Stage::Interpolate, async { self.interpolate(inputs, rasterizer, frames) })
+                        .await?;
                 }
                 if inputs.reset == Some(ResetReason::Keyframe) {
                     self.learned_interpolator.iter_mut().for_each(LearnedInterpolator::reset);
@@ -274,16 +282,30 @@ impl CpuStages {
         self.blocks.len() as f32 / (columns * rows) as f32
     }
 
-    fn interpolate(&mut self, inputs: &FrameInputs, frames: &mut Frames) -> Result<(), PipelineError> {
+    fn interpolate(
+        &mut self,
+        inputs: &FrameInputs,
+        rasterizer: &mut impl RasterizeHere,
+        frames: &mut Frames,
+    ) -> Result<(), PipelineError> {
         let Frames { previous, current, in_between } = frames;
         let before = previous.neighbor().ok_or(PipelineError::Internal { expected: "a previous frame" })?;
         let after = Neighbor { camera: &inputs.camera, image: &current.image, gbuffer: &current.gbuffer };
         let interpolator = &mut self.interpolator;
+        let budget = self.plan.budget_between().filter(|_| rasterizer.makes_blocks());
+        let settings = self.plan.raster_image();
         for (moment, out) in inputs.moments.iter().zip(in_between) {
             let (t, camera) = (moment.t, &moment.camera);
             match &mut self.learned_interpolator {
                 Some(learned) => learned.interpolate(interpolator, before, after, t, camera, out)?,
                 None => interpolator.interpolate(before, after, t, camera, out)?,
+            }
+            // Exact pixels where the neighbours disagree.
+            if let Some(budget) = budget {
+                interpolator.expected_errors(&mut self.errors_between);
+                let places = select_blocks(&self.errors_between, camera.size(), budget);
+                rasterizer.rasterize_image_blocks(camera, &settings, &places, &mut self.blocks_between)?;
+                write_blocks(&self.blocks_between, out);
             }
         }
         Ok(())

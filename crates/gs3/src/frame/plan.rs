@@ -90,6 +90,21 @@ impl FramePlan {
         }
     }
 
+    /// The blocks that may be exact in an in-between frame; none if in-between frames have no exact pixels.
+    pub fn budget_between(&self) -> Option<BlockBudget> {
+        let is_auto = self.refine == Refine::Auto && self.networks.interpolate.is_none();
+        self.settings.quality.budget_between().filter(|_| is_auto)
+    }
+
+    /// The rasterizer's settings for the native image.
+    pub fn raster_image(&self) -> RasterSettings {
+        RasterSettings {
+            dilation: self.settings.dilation.at_scale(1),
+            background: self.settings.background,
+            ..RasterSettings::new(Outputs::Color)
+        }
+    }
+
     /// Changes the number of frames interpolated before each rendered frame.
     ///
     /// # Errors

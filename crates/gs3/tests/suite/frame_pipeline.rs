@@ -18,7 +18,7 @@ fn path() -> CameraPath {
 }
 
 fn pipeline(mode: Mode) -> FramePipeline {
-    FramePipeline::new(scene(), PipelineSettings { mode, ..Default::default() }).unwrap()
+    FramePipeline::new(scene(), PipelineSettings { mode, in_between: 1, ..Default::default() }).unwrap()
 }
 
 #[test]

@@ -365,7 +365,8 @@ fn frames_may_stay_on_the_device_of_the_program() {
     let scene = demo_part();
     let path = demo::path().resized(160, 88).unwrap();
     let networks = Networks::shipped(4, Tier::Fast).unwrap();
-    let settings = PipelineSettings { mode: Mode::Full, refine: Refine::Off, ..Default::default() };
+    let settings =
+        PipelineSettings { mode: Mode::Full, refine: Refine::Off, in_between: 1, ..Default::default() };
     let pipeline = || FramePipeline::with_networks(Arc::clone(&scene), settings, &networks).unwrap();
     let [mut here, mut there] = [pipeline(), pipeline()];
     let refused = there.render_to_device(&path.cameras()[0], &[]).unwrap_err();

@@ -11,7 +11,7 @@ use gs3_test_support::part_of_demo;
 use crate::gpu_frames::gpu;
 
 fn settings(mode: Mode) -> PipelineSettings {
-    PipelineSettings { mode, refine: Refine::Off, ..Default::default() }
+    PipelineSettings { mode, refine: Refine::Off, in_between: 1, ..Default::default() }
 }
 
 /// A camera at `place` that looks along z, with a picture of `size`.

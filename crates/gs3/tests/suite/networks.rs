@@ -378,7 +378,7 @@ fn shipped_weights_gain() {
     }
     // In-between frames, on the same frames on both sides: means of the last four.
     let middles: Vec<Camera> = (46..50).map(|k| path.at(f64::from(k) - 0.5)).collect();
-    let unrefined = PipelineSettings { refine: Refine::Off, ..Default::default() };
+    let unrefined = PipelineSettings { refine: Refine::Off, in_between: 1, ..Default::default() };
     let native = PipelineSettings { mode: Mode::Native, ..unrefined };
     let mut native = FramePipeline::new(scene.clone(), native).unwrap();
     let truths = frames(&mut native, &middles);

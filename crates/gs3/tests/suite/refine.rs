@@ -73,6 +73,40 @@ fn more_exact_pixels_give_better_frames() {
     assert!(some > off + 1.0 && more > some + 1.0, "{off:.2} dB off, {some:.2} dB, {more:.2} dB");
 }
 
+/// With quality high in-between frames have blocks with the native image's bits where the neighbours disagree. With quality balanced
+/// they have none.
+#[test]
+fn frames_between_are_exact_where_their_neighbors_disagree() {
+    let path = path();
+    // The share of a frame's blocks that are native, and the frame's PSNR, over ten frames.
+    let between = |quality: Quality| {
+        let settings = PipelineSettings { quality, in_between: 1, ..Default::default() };
+        let mut pipeline = FramePipeline::new(scene(), settings).unwrap();
+        let (mut exact, mut quality) = (0, 0.0);
+        for k in 0..12 {
+            let middle = path.at(k as f64 - 0.5);
+            let poses = if k == 0 { &[][..] } else { std::slice::from_ref(&middle) };
+            let shown = pipeline.render_with_poses(&path.cameras()[k], poses).unwrap();
+            if let Some(image) = shown.in_between[0].filter(|_| k > 1) {
+                let truth = native(&middle);
+                quality += psnr_shown(image, &truth) / 10.0;
+                let same: Vec<bool> = rgb(image).zip(rgb(&truth)).map(|(a, b)| a == b).collect();
+                let is_native = |x: usize, y: usize| {
+                    (0..16)
+                        .all(|i| same[(y + i / 4) * 320 + x + i % 4] && truth.pixels()[y * 320 + x][3] > 0.5)
+                };
+                let blocks = (0..180).step_by(4).flat_map(|y| (0..320).step_by(4).map(move |x| (x, y)));
+                exact += blocks.filter(|(x, y)| is_native(*x, *y)).count();
+            }
+        }
+        (exact as f64 / 36_000.0, quality)
+    };
+    let [(none, without), (some, with)] = [Quality::Balanced, Quality::High].map(between);
+    let most = f64::from(Quality::High.budget_between().unwrap().most);
+    assert!(none < 0.001 && some > 0.01 && some <= most + 0.001, "{none} and {some} of at most {most}");
+    assert!(with > without + 0.5, "{with:.2} dB, without {without:.2} dB");
+}
+
 #[test]
 fn better_quality_refines_more() {
     let path = path();
