@@ -88,39 +88,13 @@ impl<'a> Frustum<'a> {
         Self { view, planes: [plane(0, 1.0), plane(0, -1.0), plane(1, 1.0), plane(1, -1.0)] }
     }
 
-    /// The chunk's sphere in view space, its radius with [`SLACK`].
-    fn sphere(&self, chunk: &Chunk) -> ([f32; 3], f32) {
+    /// Whether any Gaussian of the chunk may touch the image. Errs towards yes.
+    pub fn may_see(&self, chunk: &Chunk) -> bool {
         let View { origin, origin_rest, .. } = self.view;
         let offset: [f32; 3] = std::array::from_fn(|k| chunk.center[k] - origin[k] - origin_rest[k]);
         let center = self.view.rotate(offset);
         let slack = SLACK * (center.iter().map(|v| v.abs()).sum::<f32>() + chunk.radius);
-        (center, chunk.radius + slack)
-    }
-
-    /// The pixels that the chunk's Gaussians may touch, `[least, most]` for each axis: those of a box around the chunk's sphere.
-    /// None if the sphere is not in front of the near plane, or has no finite bounds.
-    pub fn reach(&self, chunk: &Chunk) -> Option<[[f32; 2]; 2]> {
-        let (center, radius) = self.sphere(chunk);
-        let [nearest, farthest] = [center[2] - radius, center[2] + radius];
-        if !(nearest > self.view.near && farthest < f32::INFINITY) {
-            return None;
-        }
-        // As for the planes; splats are largest at the near end.
-        let margin = MAX_RADIUS * self.view.dilation.sqrt() + 1.0;
-        Some([0, 1].map(|axis| {
-            let [least, most] = [center[axis] - radius, center[axis] + radius];
-            let slopes = [least / nearest, least / farthest, most / nearest, most / farthest];
-            let least = slopes.iter().fold(f32::INFINITY, |a, b| a.min(*b));
-            let most = slopes.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
-            let extent = self.planes[2 * axis].2 * chunk.largest_scale / nearest + margin;
-            let [focal, middle] = [self.view.focal[axis], self.view.center[axis] + self.view.before[axis]];
-            [least * focal + middle - extent, most * focal + middle + extent]
-        }))
-    }
-
-    /// Whether any Gaussian of the chunk may touch the image. Errs towards yes.
-    pub fn may_see(&self, chunk: &Chunk) -> bool {
-        let (center, radius) = self.sphere(chunk);
+        let radius = chunk.radius + slack;
         if center[2] + radius <= self.view.near || center[2] - radius >= self.view.far {
             return false;
         }

@@ -41,19 +41,6 @@ impl BlockTable {
         let sums = &self.sums[..];
         sums[bottom + right] + sums[top + left] != sums[bottom + left] + sums[top + right]
     }
-
-    /// Whether pixels `[[least x, most x], [least y, most y]]` meet a block; of unknown pixels, yes.
-    pub fn may_meet(&self, reach: Option<[[f32; 2]; 2]>) -> bool {
-        let Some([[x0, x1], [y0, y1]]) = reach else { return true };
-        // Numbers that are negative or too large are the first and the last pixel.
-        let pixel = |at: f32| at as u16;
-        self.meets(PixelRect {
-            x0: pixel(x0.floor()),
-            y0: pixel(y0.floor()),
-            x1: pixel(x1.ceil()).saturating_add(1),
-            y1: pixel(y1.ceil()).saturating_add(1),
-        })
-    }
 }
 
 #[cfg(test)]

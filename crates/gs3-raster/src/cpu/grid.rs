@@ -7,7 +7,8 @@ use super::cover::TileSamples;
 use crate::settings::{RasterSettings, Window};
 use crate::view::first_sample;
 
-/// Stride of the tiles of blocks that belong to no low-resolution frame: the default scale's.
+/// Stride of the tiles of blocks that belong to no low-resolution frame. It is the default scale. So tiles have the same size
+/// with and without such a frame.
 const BLOCK_STRIDE: usize = 4;
 
 /// A lattice of sample positions: every `stride`-th pixel of the native image, along both axes.

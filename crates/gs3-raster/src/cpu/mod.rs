@@ -374,7 +374,7 @@ impl Rasterizer {
             let first = j * JOB_CHUNKS;
             let last = (first + JOB_CHUNKS).min(chunks.len());
             for (i, chunk) in chunks[first..last].iter().enumerate() {
-                if !frustum.may_see(chunk) || wanted.is_some_and(|w| !w.may_meet(frustum.reach(chunk))) {
+                if !frustum.may_see(chunk) {
                     continue;
                 }
                 let start = (first + i) * CHUNK;

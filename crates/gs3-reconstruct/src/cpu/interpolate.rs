@@ -91,8 +91,9 @@ impl Interpolator {
     }
 
     /// The squared errors to expect of the last frame of [`Self::interpolate`] into `out`, which is resized: one per block of
-    /// 4×4 pixels, `[rows, columns]` of [`gs3_scene::block_grid`]. Each is a sum over the block's pixels and over RGB. They are found
-    /// from the difference of the neighbours, so pixels that one neighbour alone shows count nothing.
+    /// 4×4 pixels, `[rows, columns]` of [`gs3_scene::block_grid`]; none before the first frame. An error is a sum over the block's
+    /// pixels and over RGB. The errors follow from the difference of the neighbours. Pixels that only one neighbour shows have
+    /// no difference and count nothing.
     pub fn expected_errors(&self, out: &mut Vec<f32>) {
         self.errors.of_blocks(out);
     }

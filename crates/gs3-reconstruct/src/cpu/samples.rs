@@ -124,6 +124,33 @@ impl SampleFrame {
         });
     }
 
+    /// The exact blocks in as much memory as they take, in the same order; none if they take at least half of their memory.
+    pub fn packed(&self) -> Option<Self> {
+        let Layout::Blocks { corners, counts, picture } = &self.layout else { return None };
+        if self.block_count() * 2 >= self.chunks.len() {
+            return None;
+        }
+        let of_row = |(row, count): (usize, &usize)| row * BLOCKS_PER_ROW..row * BLOCKS_PER_ROW + count;
+        let places: Vec<usize> = counts.iter().enumerate().flat_map(of_row).collect();
+        let corners: Vec<_> = places.iter().map(|place| corners[*place]).collect();
+        let counts: Vec<_> = corners.chunks(BLOCKS_PER_ROW).map(<[_]>::len).collect();
+        Some(Self {
+            width: 0,
+            height: counts.len(),
+            jitter: self.jitter,
+            margin: self.margin,
+            chunks: places.par_iter().map(|place| self.chunks[*place]).collect(),
+            extents: places.iter().map(|place| self.extents[*place]).collect(),
+            displacements: Vec::new(),
+            layout: Layout::Blocks { corners, counts, picture: *picture },
+        })
+    }
+
+    /// Blocks that there is memory for.
+    pub const fn capacity(&self) -> usize {
+        self.chunks.capacity()
+    }
+
     /// Places of the samples of chunk `chunk` of row `row`. LR pixels are `scale` HR pixels wide.
     #[inline(always)]
     pub fn places<S: Simd>(&self, simd: S, row: usize, chunk: usize, scale: f32) -> Places<S> {

@@ -3,9 +3,7 @@
 mod bands;
 
 use fearless_simd::{Level, dispatch};
-use gs3_scene::{
-    BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, Size, block_grid,
-};
+use gs3_scene::{BLOCK_SIDE, Camera, ExactBlocks, GBuffer, Geometry, Gradients, Image, Planes, block_grid};
 use rayon::prelude::*;
 
 use crate::cpu::carry::{add_surface_shifts, advance};
@@ -194,7 +192,7 @@ impl SuperSampler {
             self.reset(ResetReason::SizeOrTierChange);
         }
         if self.invalid.take().is_some() || since.reset.is_some() {
-            self.forget(size);
+            self.forget();
         }
         self.surface.set(gbuffer, gradients, self.scale);
         self.rectification.set(self.level, gbuffer, gradients, &geometry.depth_median, self.scale);
@@ -279,18 +277,40 @@ impl SuperSampler {
                 || past.is_faint && then != camera
                 || past.frame.is_blocks() && are_blocks_stale(*age, then, *mean_inverse_depth, camera)
         };
-        let dropped = self.past.extract_if(.., |past| is_dropped(past));
-        // Later frames have fewer blocks than a frame that was exact as a whole.
-        self.spare.extend(dropped.filter(|past| !past.is_faint));
+        let dropped: Vec<_> = self.past.extract_if(.., |past| is_dropped(past)).collect();
+        dropped.into_iter().for_each(|past| self.keep_memory_of(past));
+        self.pack();
         self.past.insert(0, newest);
         Ok(())
     }
 
-    /// Forgets all frames. The memory of LR frames of `size` stays for the next ones. The memory of exact blocks does not: a
-    /// frame that was exact as a whole has memory for all blocks, which a frame with few blocks would keep.
-    fn forget(&mut self, size: Size) {
-        self.spare.append(&mut self.past);
-        self.spare.retain(|past| !past.frame.is_blocks() && past.camera.size() == size);
+    /// Forgets all frames, and gives their memory back: the next frame may be exact as a whole, which takes the most memory of
+    /// all frames.
+    fn forget(&mut self) {
+        self.past.clear();
+        self.spare.clear();
+    }
+
+    /// Keeps the memory of a forgotten frame for the next ones: of LR frames, and of the largest number of exact blocks.
+    fn keep_memory_of(&mut self, past: Past) {
+        let rival = self.spare.iter_mut().find(|spare| spare.frame.is_blocks() && past.frame.is_blocks());
+        match rival {
+            Some(rival) if rival.frame.capacity() >= past.frame.capacity() => {}
+            Some(rival) => *rival = past,
+            None => self.spare.push(past),
+        }
+    }
+
+    /// Moves exact blocks into smaller memory where newer blocks have replaced more than half of a frame's blocks.
+    fn pack(&mut self) {
+        for k in 0..self.past.len() {
+            if let Some(packed) = self.past[k].frame.packed() {
+                let past = &mut self.past[k];
+                let large =
+                    Past { frame: std::mem::replace(&mut past.frame, packed), ..Past::empty(&past.camera) };
+                self.keep_memory_of(large);
+            }
+        }
     }
 
     /// The memory of a forgotten LR frame, or of forgotten exact blocks; new memory if there is none. Memory of the other kind
@@ -316,6 +336,7 @@ impl SuperSampler {
     /// Writes exact blocks of the last frame into `image`, the image that [`Self::super_sample`] made, with an
     /// uncertainty of 0. The blocks are remembered: the next frames reproject their samples. Blocks of a frame without
     /// history, which may be exact as a whole, are forgotten once the camera moves where their expected error is not visible.
+    /// The blocks of a frame may come in several calls, each block once.
     pub fn refine(&mut self, blocks: &ExactBlocks, image: &mut Image) {
         let Some(current) = self.past.first() else { return };
         let (camera, mean_inverse_depth) = (current.camera, current.mean_inverse_depth);
@@ -327,7 +348,8 @@ impl SuperSampler {
         for [column, row] in &blocks.places {
             is_new[usize::from(*row) * columns + usize::from(*column)] = true;
         }
-        self.past.par_iter_mut().filter(|past| past.frame.is_blocks()).for_each(|past| {
+        let earlier = self.past.par_iter_mut().filter(|past| past.frame.is_blocks() && past.age > 0);
+        earlier.for_each(|past| {
             let boxes = &past.boxes;
             past.frame.retain_blocks(|row, chunk| {
                 let [x, y] = boxes.middle(row, chunk).map(|v| (v / 4.0).floor());
@@ -335,10 +357,10 @@ impl SuperSampler {
                 is_in && !is_new[y as usize * columns + x as usize]
             });
         });
-        let (past, spare) = (&mut self.past, &mut self.spare);
-        let empty = past.extract_if(.., |past| past.frame.is_blocks() && past.frame.block_count() == 0);
-        spare.extend(empty.filter(|past| !past.is_faint));
-        let is_first = self.past.len() == 1;
+        let is_empty = |past: &mut Past| past.frame.is_blocks() && past.frame.block_count() == 0;
+        let empty: Vec<_> = self.past.extract_if(.., is_empty).collect();
+        empty.into_iter().for_each(|past| self.keep_memory_of(past));
+        let is_first = self.past.iter().all(|past| past.age == 0);
         let is_faint = |[column, row]: [u16; 2]| {
             let error = self.errors.get(usize::from(row) * columns + usize::from(column));
             is_first && error.is_some_and(|error| *error <= INVISIBLE)
@@ -349,6 +371,10 @@ impl SuperSampler {
             [(faint, true), (others, false)].iter().filter(|(blocks, _)| !blocks.is_empty())
         {
             let mut newest = self.spare_of(true, &camera);
+            if newest.frame.capacity() > 2 * blocks.len() {
+                // Memory of a frame that was exact as a whole would be kept by frames with few blocks.
+                newest = Past::empty(&camera);
+            }
             (newest.camera, newest.age, newest.is_faint) = (camera, 0, *is_faint);
             newest.mean_inverse_depth = mean_inverse_depth;
             newest.frame.fill_blocks(self.level, blocks, size, &self.past[0].frame, self.scale);
@@ -370,6 +396,8 @@ impl SuperSampler {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::Ordering::Relaxed;
+
     use gs3_scene::{ExactBlock, demo};
 
     use super::*;
@@ -389,11 +417,42 @@ mod tests {
             let ages = [false, true, false, true].map(|is_blocks| sampler.spare_of(is_blocks, &camera).age);
             assert_eq!(ages, [2, 1, 0, 0]);
         }
+    }
+
+    /// Of exact blocks the largest memory is kept.
+    #[test]
+    fn memory_follows_the_remembered_blocks() {
+        let camera = demo::path().cameras()[0];
+        let mut sampler = SuperSampler::new(4, Kriging::Off).unwrap();
+        let mut of_frame = Past::empty(&camera);
+        of_frame.frame.fill(sampler.level, &GBuffer::zeroed(1, 1), 4).unwrap();
+        let blocks: Vec<_> = (0..200).map(|k| ([k, 0], &ExactBlock::EMPTY)).collect();
+        let mut of_blocks = Past::empty(&camera);
+        of_blocks.frame.fill_blocks(sampler.level, &blocks, camera.size(), &of_frame.frame, 4);
+        let capacity = of_blocks.frame.capacity();
         sampler.past = vec![of_frame, of_blocks];
-        sampler.forget(camera.size());
-        assert!(sampler.past.is_empty());
-        assert!(sampler.spare.iter().map(|past| past.age).eq([2]), "the LR frame's memory stays");
-        sampler.forget(Size::new(1, 1));
-        assert!(sampler.spare.is_empty(), "frames of another size do not need it");
+        for (kept, is_packed) in [(100, false), (70, true), (40, false), (30, true)] {
+            let before = sampler.past[1].frame.block_count();
+            let dropped = std::sync::atomic::AtomicUsize::new(before - kept);
+            sampler.past[1].frame.retain_blocks(|_, _| {
+                dropped.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).is_err()
+            });
+            let corners = |sampler: &SuperSampler| {
+                let frame = &sampler.past[1].frame;
+                let places = (0..frame.height)
+                    .flat_map(|row| (0..frame.extents(row).len()).map(move |k| (row, k)))
+                    .map(|(row, k)| dispatch!(sampler.level, s => frame.places(s, row, k, 4.0).x[0]));
+                places.collect::<Vec<_>>()
+            };
+            let expected = corners(&sampler);
+            assert_eq!(expected.len(), kept);
+            sampler.pack();
+            assert_eq!(corners(&sampler), expected, "packed blocks are in the same order");
+            let held = sampler.past[1].frame.capacity();
+            assert_eq!(held == kept, is_packed, "{held} for {kept}");
+        }
+        assert_eq!(sampler.spare.iter().map(|past| past.frame.capacity()).collect::<Vec<_>>(), [capacity]);
+        sampler.forget();
+        assert!(sampler.past.is_empty() && sampler.spare.is_empty());
     }
 }

@@ -159,7 +159,7 @@ fn blocks_where_the_neighbors_differ_are_expected_to_err() {
         assert_eq!(errors.len(), columns * rows);
         for (k, error) in errors.iter().enumerate() {
             let [x, y] = [k % columns * 4, k / columns * 4];
-            // Both neighbours are as uncertain, so the shares are those of the time. 3.6 is the factor for what both lack.
+            // The neighbours are equally uncertain, so their shares depend on the time alone. The factor 3.6 is `SHARED`.
             let inside = 3.6 * 16.0 * 0.25 * 0.75 * 0.25_f32.powi(2);
             let is_within = (36..44).contains(&x) && (28..36).contains(&y);
             let is_beside = (28..52).contains(&x) && (20..44).contains(&y);
