@@ -31,7 +31,7 @@ class Worker:
         self.path = path.resized(*size) if size else path
         width, height = (int(side) for side in self.path.sizes[0])
         self.renderer = gs3.Renderer(self.scene, width, height, **settings)
-        self.each = settings.get("frames_between", 1) + 1 if settings.get("mode", "full") == "full" else 1
+        self.each = settings["frames_between"] + 1 if settings.get("mode", "full") == "full" else 1
 
     def frames(self):
         """Number of rendered frames of the path."""
@@ -66,7 +66,7 @@ def chunks(frames, length):
 
 def render(scene, out, *, path=None, size=None, frames=None, chunk=32, workers=2, cpus=1, settings=None):
     """Renders on the Ray cluster that this process is connected to. Gives the names of the files written, in no order."""
-    settings = {"backend": "cpu", "keyframes": 32, **(settings or {})}
+    settings = {"backend": "cpu", "keyframes": 32, "frames_between": 2, **(settings or {})}
     # As many threads as cores, so that workers on one machine do not share them.
     environment = {"env_vars": {"RAYON_NUM_THREADS": str(cpus)}}
     options = {"num_cpus": cpus, "runtime_env": environment}

@@ -41,7 +41,7 @@ def job(gs3, tmp_path_factory):
     run = lambda command: subprocess.run([gs3, *command.split()], cwd=folder, check=True)  # noqa: E731
     run("simplify demo --size 64x36 --frames 0..2 --keep 0.02 --out few.ply")
     run(f"render few.ply {OPTIONS} --out whole")
-    assert len(digests(folder / "whole")) == 2 * FRAMES - 1
+    assert len(digests(folder / "whole")) == 3 * FRAMES - 2
     return folder
 
 

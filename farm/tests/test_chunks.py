@@ -31,7 +31,7 @@ def killed_in_the_midst(job, environment, out):
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
         code, there = process.wait(), digests(job / out)
-        if code == -signal.SIGKILL and 3 <= len(there) < 2 * CHUNK:
+        if code == -signal.SIGKILL and 3 <= len(there) < 3 * CHUNK:
             return there
         assert code in (0, -signal.SIGKILL)
         shutil.rmtree(job / out)
@@ -72,7 +72,7 @@ def test_kubernetes_runs_the_chunk_of_its_index(job, environment):
     environment |= {"JOB_COMPLETION_INDEX": "3", "OUT": "pod"}
     subprocess.run(command, cwd=job, env=environment, check=True)
     made = digests(job / "pod")
-    assert len(made) == 2 * CHUNK and made.items() <= digests(job / "whole").items()
+    assert len(made) == 3 * CHUNK and made.items() <= digests(job / "whole").items()
 
 
 def free_ports(count):

@@ -73,7 +73,7 @@ def killed_in_the_midst(job, out):
             if alive and not rendered.done():
                 os.kill(alive[0], signal.SIGKILL)
             rendered.result(240)
-        if len(before) < 2 * FRAMES - 1 - 2 * CHUNK:
+        if len(before) < 3 * FRAMES - 2 - 3 * CHUNK:
             return before, written
         shutil.rmtree(job / out)
     raise AssertionError("5 runs ended before a worker could be killed")
@@ -89,7 +89,7 @@ def test_frames_are_those_of_one_run_though_a_worker_is_killed(job, cluster):
     assert digests(job / "ray") == digests(job / "whole")
     # None is lost, and none is made twice: neither those of before, nor any that is told.
     assert before.items() <= times(job / "ray").items()
-    assert len(written) == len(set(written)) and len(written) > 2 * FRAMES - 1 - len(before) - 2 * CHUNK
+    assert len(written) == len(set(written)) and len(written) > 3 * FRAMES - 2 - len(before) - 3 * CHUNK
     assert render(job, "ray") == []
 
 
@@ -97,7 +97,7 @@ def test_frames_are_those_of_one_run_though_a_worker_is_killed(job, cluster):
 def test_two_workers_are_nearly_twice_as_fast_as_one(job, cluster):
     def seconds(workers, out):
         begun = time.monotonic()
-        assert len(render(job, out, workers=workers, size=(1280, 720))) == 2 * FRAMES - 1
+        assert len(render(job, out, workers=workers, size=(1280, 720))) == 3 * FRAMES - 2
         return time.monotonic() - begun
 
     one, two = seconds(1, "one"), seconds(2, "two")

@@ -9,6 +9,10 @@ use gs3::{Mode, PipelineSettings, Refine};
 /// Rendered frames of a video at most, as `gs3 render --smooth` allows.
 const MOST_FRAMES: u32 = 1_000_000;
 
+/// Frames interpolated before each rendered one: a path of 30 cameras per second becomes 60 frames per second, the highest rate
+/// that all players and web sites show.
+const IN_BETWEEN: u32 = 1;
+
 /// A request for a video of the keyframes' path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VideoWish {
@@ -64,7 +68,7 @@ pub enum VideoPlanError {
 
 impl VideoPlan {
     /// The video that `wish` asks for along `way`, at the size `shown` if the wish names none. Frames are made as
-    /// `gs3 render` makes them: mode full, exact pixels by the quality in `settings`.
+    /// `gs3 render --in-between 1` makes them: mode full, exact pixels by the quality in `settings`.
     ///
     /// # Errors
     /// [`VideoPlanError`] if the wish asks for a size, a rate or a number of frames that is none.
@@ -74,9 +78,8 @@ impl VideoPlan {
         shown: Size,
         settings: &PipelineSettings,
     ) -> Result<Self, VideoPlanError> {
-        let PipelineSettings { in_between, .. } = PipelineSettings::default();
-        let settings =
-            PipelineSettings { mode: Mode::Full, refine: Refine::default(), in_between, ..*settings };
+        let (refine, in_between) = (Refine::default(), IN_BETWEEN);
+        let settings = PipelineSettings { mode: Mode::Full, refine, in_between, ..*settings };
         let each = settings.displayed_per_rendered() as f64;
         let rate = wish.fps.unwrap_or_else(|| way.frames_per_second() * each);
         let count = way.cameras().len();

@@ -174,11 +174,11 @@ typedef enum gs3_opacity_mode {
 
 // What GS3_REFINE_AUTO may spend.
 typedef enum gs3_quality {
-    // 6 % of the pixels, errors of two steps of 8 bits.
+    // 20 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
-    // 3 % of the pixels, errors of three steps.
+    // 8 % of the pixels, errors of twelve steps.
     GS3_QUALITY_FAST = 1,
-    // 15 % of the pixels, errors of half a step.
+    // 30 % of the pixels, errors of three steps.
     GS3_QUALITY_HIGH = 2,
 } gs3_quality;
 
@@ -398,7 +398,7 @@ typedef struct gs3_renderer_desc {
     uint32_t kriging;
     // 1 to rasterize what lies beyond the edges that the camera turns to. Networks do anyway.
     uint32_t overscan;
-    // In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 1.
+    // In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 2.
     uint32_t in_between_count;
     // A gs3_sampling.
     uint32_t sampling;

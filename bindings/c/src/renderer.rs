@@ -78,11 +78,11 @@ pub enum gs3_refine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_quality {
-    /// 6 % of the pixels, errors of two steps of 8 bits.
+    /// 20 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
-    /// 3 % of the pixels, errors of three steps.
+    /// 8 % of the pixels, errors of twelve steps.
     GS3_QUALITY_FAST = 1,
-    /// 15 % of the pixels, errors of half a step.
+    /// 30 % of the pixels, errors of three steps.
     GS3_QUALITY_HIGH = 2,
 }
 
@@ -130,7 +130,7 @@ pub struct gs3_renderer_desc {
     pub kriging: u32,
     /// 1 to rasterize what lies beyond the edges that the camera turns to. Networks do anyway.
     pub overscan: u32,
-    /// In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 1.
+    /// In-between frames of GS3_MODE_FULL, 1 to GS3_MAX_IN_BETWEEN; 0 for 2.
     pub in_between_count: u32,
     /// A gs3_sampling.
     pub sampling: u32,

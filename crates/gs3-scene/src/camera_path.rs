@@ -68,6 +68,9 @@ pub enum Pace {
     Speed,
 }
 
+/// Rendered frames per second of generated paths. With two in-between frames each, 60 frames per second are displayed.
+const GENERATED_RATE: f64 = 20.0;
+
 impl CameraPath {
     /// A path through `cameras`, shown at `frames_per_second`. In a cycle the first camera follows the last.
     ///
@@ -92,7 +95,7 @@ impl CameraPath {
         Self {
             cameras,
             names: Vec::new(),
-            frames_per_second: 30.0,
+            frames_per_second: GENERATED_RATE,
             is_cycle: true,
             facts: PathFacts::default(),
         }

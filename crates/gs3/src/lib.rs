@@ -151,7 +151,7 @@ pub use machine::{Backend, BackendError, Machine};
 pub use refine::{Quality, Refine, RefineError};
 pub use scale::{Scale, ScaleError};
 pub use session::{Session, SessionSettings};
-pub use settings::{Dilation, KEYFRAMES, MAX_IN_BETWEEN, Mode, PipelineSettings};
+pub use settings::{Dilation, IN_BETWEEN, KEYFRAMES, MAX_IN_BETWEEN, Mode, PipelineSettings};
 pub use stages::{Stage, StageTimes};
 
 #[cfg(feature = "fs")]

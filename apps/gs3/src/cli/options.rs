@@ -8,8 +8,8 @@ use gs3::neural::Arithmetic;
 use gs3::neural::model::Tier;
 use gs3::scene::{Axes, Size};
 use gs3::{
-    Backend, Culling, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality, Refine, Sampling,
-    Scale,
+    Backend, Culling, IN_BETWEEN, KEYFRAMES, Kriging, MAX_IN_BETWEEN, Mode, PipelineSettings, Quality,
+    Refine, Sampling, Scale,
 };
 
 use super::memory;
@@ -70,8 +70,8 @@ pub struct Device {
 /// How the frames are made.
 #[derive(Debug, clap::Args)]
 pub struct FrameOptions {
-    /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 3 steps of 8 bits and 3 %,
-    /// balanced 2 and 6 %, high half a step and 15 %
+    /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 12 steps of 8 bits and 8 %,
+    /// balanced 5.75 and 20 %, high 3 and 30 %
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of
@@ -103,7 +103,7 @@ pub struct FrameOptions {
     #[arg(long, help_heading = ADVANCED)]
     pub matrix_products: bool,
     /// Frames interpolated before each rendered one in mode `full`
-    #[arg(long, alias = "generate", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
+    #[arg(long, alias = "generate", default_value_t = IN_BETWEEN, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IN_BETWEEN)))]
     pub in_between: u32,
     /// Sub-pixel offsets of the low-resolution frames
     #[arg(long, default_value = "on", value_name = "on|off", help_heading = ADVANCED)]

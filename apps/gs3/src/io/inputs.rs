@@ -25,7 +25,7 @@ use crate::cli::values::{Degrees, Distance, FrameRange};
 /// Size of frames along generated paths.
 const DEFAULT_SIZE: Size = Size::new(1920, 1080);
 
-/// Frames of a generated orbit: 10 s at 30 rendered frames per second.
+/// Frames of a generated orbit: 15 s at the 20 rendered frames per second of generated paths.
 const ORBIT_FRAMES: usize = 300;
 
 /// Whether `path` names the built-in scene.

@@ -118,7 +118,7 @@ fn frames_between_have_numbers_too() {
     let folder = few_gaussians();
     let at = folder.path();
     render(at, "--mode native --frames 0..3 --aov depth,motion --out native");
-    render(at, "--frames 0..3 --aov motion --aov depth --out full");
+    render(at, "--in-between 1 --frames 0..3 --aov motion --aov depth --out full");
     assert_eq!(names(&at.join("full")).len(), 10);
     let planes = |name: &str, k: usize| exr(&at.join(format!("{name}/frame_{k:06}.exr")));
     let [native, whole, between] = [planes("native", 2), planes("full", 4), planes("full", 3)];
@@ -133,8 +133,8 @@ fn frames_between_have_numbers_too() {
         assert!((ratio - 0.5).abs() < 0.05, "{ratio}");
     }
     // A part of the path has the bits of the whole, and a video's frames have theirs.
-    render(at, "--frames 2..3 --aov depth,motion --out part");
-    render(at, "--frames 0..2 --aov depth,motion --out v.mp4");
+    render(at, "--in-between 1 --frames 2..3 --aov depth,motion --out part");
+    render(at, "--in-between 1 --frames 0..2 --aov depth,motion --out v.mp4");
     assert_eq!(names(&at.join("part")).len(), 4);
     for (part, whole) in [("part", "full"), ("v", "full")] {
         for name in names(&at.join(part)) {

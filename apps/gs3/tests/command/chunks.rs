@@ -48,7 +48,7 @@ fn parts_of_a_path_have_the_bits_of_one_run() {
     let at = folder.path();
     for (k, options) in [
         "",
-        "--keyframes 8 --in-between 2",
+        "--keyframes 8 --in-between 1",
         "--keyframes 8 --mode super-sample --refine 0.1",
         "--keyframes 8 --overscan",
         "--keyframes 8 --tier fast --interpolation learned",
@@ -75,8 +75,8 @@ fn parts_of_a_path_have_the_bits_of_one_run() {
     // Without the frames before it, a part begins otherwise.
     render(at, "--frames 43..50 --warm-up 0", "cold");
     let (whole, cold) = (frames(&at.join("whole0")), frames(&at.join("cold")));
-    assert_eq!((cold[0].0.as_str(), cold.len()), ("frame_000086.png", 13));
-    assert!(cold[1] != whole[87] && cold[12] != whole[98]);
+    assert_eq!((cold[0].0.as_str(), cold.len()), ("frame_000129.png", 19));
+    assert!(cold[1] != whole[130] && cold[18] != whole[147]);
 }
 
 fn written_at(file: &Path) -> SystemTime {
@@ -88,7 +88,7 @@ fn frames_that_are_there_are_not_made_again() {
     let folder = few_gaussians();
     let at = folder.path();
     let made = |options: &str| {
-        render(at, &format!("{options} --keyframes 8 --json r.json"), "out");
+        render(at, &format!("{options} --keyframes 8 --in-between 1 --json r.json"), "out");
         json(&at.join("r.json"))["frames_rendered"].as_u64().unwrap()
     };
     assert_eq!(made("--frames 0..30"), 30);
@@ -140,9 +140,9 @@ fn frames_of_other_settings_are_not_mixed() {
     let output = gs3(at, "render demo --path path.json --frames 4..5 --out out").output().unwrap();
     assert!(stderr(&output).contains("expected frames of scene "), "{}", stderr(&output));
     // All that is there is replaced.
-    render(at, "--frames 0..8 --mode native", "out");
+    render(at, "--frames 0..10 --mode native", "out");
     assert_eq!(json(&at.join("out/manifest.json"))["mode"], "native");
-    assert_eq!(names(&at.join("out")).len(), 8);
+    assert_eq!(names(&at.join("out")).len(), 10);
     fs::write(at.join("out/manifest.json"), "{").unwrap();
     let output = gs3(at, "render few.ply --path path.json --frames 0..1 --out out").output().unwrap();
     assert!(stderr(&output).contains("manifest.json: expected what gs3 render writes, found "));
@@ -161,11 +161,11 @@ fn joined_frames_are_the_video_of_one_run() {
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(
-        said.contains("DIR: expected all frames from 0 to 10 ") && said.contains("found none of 3 to 10"),
+        said.contains("DIR: expected all frames from 0 to 15 ") && said.contains("found none of 4 to 15"),
         "{said}"
     );
     render(at, "--frames 4..6", "out");
-    assert!(stderr(&run("join out --out joined.mp4")).contains("found none of 3 to 6"));
+    assert!(stderr(&run("join out --out joined.mp4")).contains("found none of 4 to 9"));
     render(at, "--frames 2..4", "out");
     let output = run("join out --out joined.mp4");
     assert!(output.status.success(), "{}", stderr(&output));
@@ -187,8 +187,8 @@ fn joined_frames_are_the_video_of_one_run() {
         )
     );
     assert!(
-        stderr(&run("join out --frames 3..12 --out x.mp4"))
-            .contains("--frames: expected frames within 0..11")
+        stderr(&run("join out --frames 3..17 --out x.mp4"))
+            .contains("--frames: expected frames within 0..16")
     );
     assert!(!at.join("x.mp4").exists());
 }

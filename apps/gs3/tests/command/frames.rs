@@ -7,14 +7,14 @@ use std::process::Stdio;
 use super::{gs3, json, names, png, stderr, succeed};
 
 #[test]
-fn full_shows_two_frames_per_rendered_one_and_reports() {
+fn full_shows_three_frames_per_rendered_one_and_reports() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     succeed(
         at,
         "render demo --size 160x90 --frames 0..3 --mode full --out out --compare cmp/c.png --json r.json --threads 2",
     );
-    assert_eq!(names(&at.join("out")), (0..5).map(|k| format!("frame_{k:06}.png")).collect::<Vec<_>>());
+    assert_eq!(names(&at.join("out")), (0..7).map(|k| format!("frame_{k:06}.png")).collect::<Vec<_>>());
     let (width, height, bytes) = png(&at.join("out/frame_000003.png"));
     assert_eq!((width, height), (160, 90));
     let mean = bytes.iter().map(|v| f64::from(*v)).sum::<f64>() / bytes.len() as f64;
@@ -22,7 +22,7 @@ fn full_shows_two_frames_per_rendered_one_and_reports() {
     assert_eq!(png(&at.join("cmp/c.png")).0, 3 * 53 + 8);
 
     let report = json(&at.join("r.json"));
-    assert_eq!(report["frames_displayed"], 5);
+    assert_eq!(report["frames_displayed"], 7);
     assert_eq!(report["frames_rendered"], 3);
     assert_eq!((&report["backend"], &report["threads"]), (&"cpu".into(), &2.into()));
     for field in ["displayed_fps", "load_s", "encode_s"] {
@@ -35,7 +35,7 @@ fn full_shows_two_frames_per_rendered_one_and_reports() {
     let (bicubic, own) = (&report["compare"]["bicubic_psnr"], &report["compare"]["psnr"]);
     assert!(own.as_f64().unwrap() > bicubic.as_f64().unwrap() + 0.5, "{report}");
     let compared = |figure: &str| report["compare"][figure].as_f64().unwrap();
-    // The second and the third rendered frame show two each; natively that is four frames.
+    // The second and the third rendered frame show three each; natively that is six frames.
     assert_eq!(report["compare"]["frames"], 2);
     assert!(compared("native_fps") > 0.0 && compared("mean_psnr") > 20.0, "{report}");
     let ratio = compared("displayed_fps") / compared("native_fps");
@@ -62,7 +62,7 @@ fn interpolation_is_learned_where_it_is_asked_for() {
         succeed(at, &format!("render demo {size} {options} --out {name} --json {name}.json"));
         let made = if name == "learned" { "learned" } else { "analytic" };
         assert_eq!(json(&at.join(format!("{name}.json")))["interpolation"], made);
-        [15, 16].map(|k| png(&at.join(name).join(format!("frame_{k:06}.png"))).2)
+        [22, 24].map(|k| png(&at.join(name).join(format!("frame_{k:06}.png"))).2)
     };
     let [plain, analytic, learned] = [
         render("plain", ""),
@@ -122,7 +122,7 @@ fn frames_are_the_same_bytes_whatever_the_number_of_threads() {
         succeed(folder.path(), &format!("render demo --size 160x90 {options}"));
     }
     let one = frames(&folder.path().join("1"));
-    assert_eq!(one.len(), 5);
+    assert_eq!(one.len(), 7);
     assert!(one == frames(&folder.path().join("2")) && one == frames(&folder.path().join("5")));
 }
 
@@ -166,13 +166,13 @@ fn cameras_of_different_sizes_are_rendered_one_after_the_other() {
         let width = |name: &String| (name[6..12].parse::<u32>().unwrap(), png(&at.join(out).join(name)).0);
         names(&at.join(out)).iter().map(width).collect::<Vec<_>>()
     };
-    succeed(at, &format!("{render} full"));
+    succeed(at, &format!("{render} full --in-between 1"));
     assert_eq!(sizes("full"), [(0, 64), (1, 64), (2, 64), (4, 80), (5, 80), (6, 80), (8, 64)]);
     succeed(at, &format!("{render} super --mode super-sample"));
     assert_eq!(sizes("super"), [(0, 64), (1, 64), (2, 80), (3, 80), (4, 64)]);
     succeed(at, &format!("{render} smooth --smooth 7 --in-between 3"));
     assert!(sizes("smooth").iter().any(|size| size.1 == 80), "{:?}", sizes("smooth"));
-    succeed(at, &format!("{render} part --frames 3..5"));
+    succeed(at, &format!("{render} part --frames 3..5 --in-between 1"));
     assert_eq!(sizes("part"), [(5, 80), (6, 80), (8, 64)]);
     succeed(at, "bench demo --path sizes.json --tier analytic");
 }
@@ -187,12 +187,12 @@ fn an_interrupted_run_leaves_whole_files_and_says_how_to_go_on() {
     let output = super::interrupt(child, || out.is_dir() && names(&out).len() >= 4);
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     let names = names(&out);
-    assert!(names.len() >= 4 && names.len() < 479, "{}", names.len());
+    assert!(names.len() >= 4 && names.len() < 718, "{}", names.len());
     for name in &names {
         assert_eq!(png(&out.join(name)).0, 320, "{name}");
     }
     let rendered = json(&folder.path().join("r.json"))["frames_rendered"].as_u64().unwrap();
-    assert_eq!(names.len() as u64, 2 * rendered - 1, "all frames rendered are written");
+    assert_eq!(names.len() as u64, 3 * rendered - 2, "all frames rendered are written");
     let said = stderr(&output);
     assert!(said.contains(&format!("--frames {rendered}..240")), "{said}");
 }

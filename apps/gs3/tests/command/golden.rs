@@ -3,7 +3,7 @@
 //!
 //! The stored frames are what this writes, the first of `full` being the interpolated one:
 //! `gs3 render demo --size 160x90 --frames 8..9 --mode MODE --tier analytic --out DIR`, with `--refine off` where the mode
-//! has a history.
+//! has a history, and with `--in-between 1` in mode `full`.
 
 use std::path::Path;
 use std::process::Command;
@@ -27,11 +27,15 @@ fn pixels(file: &Path) -> Vec<u8> {
 
 fn check(mode: &str, frame: &str) {
     let folder = tempfile::tempdir().unwrap();
-    // Modes without history have none to refine.
-    let refine: &[&str] = if ["native", "bicubic"].contains(&mode) { &[] } else { &["--refine", "off"] };
+    // Modes without history have nothing to refine.
+    let of_mode: &[&str] = match mode {
+        "native" | "bicubic" => &[],
+        "full" => &["--refine", "off", "--in-between", "1"],
+        _ => &["--refine", "off"],
+    };
     let output = Command::new(env!("CARGO_BIN_EXE_gs3"))
         .args(["render", "demo", "--size", "160x90", "--frames", "8..9", "--mode", mode])
-        .args(refine)
+        .args(of_mode)
         .args(["--tier", "analytic", "--out"])
         .arg(folder.path())
         .output()

@@ -46,7 +46,7 @@ fn frames_have_the_same_bits_with_any_memory_for_lists() {
     for (memory, out) in [("", "whole"), ("--memory 1K", "parts")] {
         succeed(at, &format!("render demo --size 320x180 --frames 0..3 --backend cpu {memory} --out {out}"));
     }
-    assert_eq!(names(&at.join("whole")).len(), 5);
+    assert_eq!(names(&at.join("whole")).len(), 7);
     for name in names(&at.join("whole")) {
         assert!(png(&at.join("whole").join(&name)) == png(&at.join("parts").join(&name)), "{name}");
     }

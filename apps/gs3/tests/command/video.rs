@@ -32,7 +32,7 @@ fn frames_reach_ffmpeg_in_order() {
     assert!(output.status.success(), "{}", stderr(&output));
     let video = fs::read(folder.path().join("clip.mp4")).unwrap();
     let frames = names(&folder.path().join("clip"));
-    assert_eq!(frames.len(), 5);
+    assert_eq!(frames.len(), 7);
     let picture = |name: &String| {
         let (width, height, rgb) = png(&folder.path().join("clip").join(name));
         Picture::from_rgb8([width, height], &rgb).unwrap().samples().to_vec()
@@ -46,8 +46,8 @@ fn frames_reach_ffmpeg_in_order() {
     assert_eq!(names(folder.path()), ["arguments", "bin", "clip", "clip.mp4"]);
 }
 
-/// How the command says that a video of frames 0 to 4 is made.
-const BY_HAND: &str = "ffmpeg -framerate 60 -start_number 0 -i ./clip/frame_%06d.png -frames:v 5 -vf ";
+/// How the command says that a video of frames 0 to 6 is made.
+const BY_HAND: &str = "ffmpeg -framerate 60 -start_number 0 -i ./clip/frame_%06d.png -frames:v 7 -vf ";
 
 #[test]
 fn without_ffmpeg_there_is_a_video_too() {
@@ -57,10 +57,34 @@ fn without_ffmpeg_there_is_a_video_too() {
     assert!(output.status.success(), "{said}");
     assert!(said.contains("no ffmpeg on PATH: clip.mp4 is encoded by gs3 itself"), "{said}");
     assert_eq!(names(folder.path()), ["clip", "clip.mp4"]);
-    assert_eq!(names(&folder.path().join("clip")).len(), 5);
+    assert_eq!(names(&folder.path().join("clip")).len(), 7);
     let video = fs::read(folder.path().join("clip.mp4")).unwrap();
     // What is in it is the tests' of its crate.
     assert_eq!((&video[4..8], video.windows(4).filter(|w| w == b"avc1").count()), (&b"ftyp"[..], 2));
+}
+
+#[test]
+fn a_rate_that_screens_do_not_show_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = r#"{"fps": 30, "render_height": 54, "render_width": 96, "camera_path": [
+        {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8},
+        {"camera_to_world": [1,0,0,0.1, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8}]}"#;
+    fs::write(folder.path().join("path.json"), path).unwrap();
+    for (options, told) in [
+        ("--out clip.mp4", true),
+        ("--in-between 1 --out clip.mp4", false),
+        ("--mode native --out native.mp4", false),
+        ("--out frames", false),
+    ] {
+        fs::remove_dir_all(folder.path().join("clip")).ok();
+        let render = format!("render demo --path path.json {options}");
+        let output = gs3(folder.path(), &render).env("PATH", "").output().unwrap();
+        let said = stderr(&output);
+        assert!(output.status.success(), "{said}");
+        let line =
+            "clip.mp4 has 90 frames per second, and most screens show 60; with --in-between 1 it has 60\n";
+        assert_eq!((said.contains(line), said.contains("most screens")), (told, told), "{options}: {said}");
+    }
 }
 
 #[test]
@@ -160,7 +184,7 @@ fn a_failing_ffmpeg_is_quoted_and_costs_no_frame() {
     let failed = "error: clip.mp4: ffmpeg failed: Unknown encoder libx264; the frames are in clip, and ";
     assert!(said.lines().last().unwrap().starts_with(&format!("{failed}{BY_HAND}")), "{said}");
     assert_eq!(names(folder.path()), ["bin", "clip", "r.json"]);
-    assert_eq!(names(&folder.path().join("clip")).len(), 5, "all frames are there");
+    assert_eq!(names(&folder.path().join("clip")).len(), 7, "all frames are there");
 
     // A file without the right to be executed is no ffmpeg.
     fs::set_permissions(folder.path().join("bin/ffmpeg"), fs::Permissions::from_mode(0o644)).unwrap();
@@ -217,7 +241,7 @@ fn a_link_leads_to_the_video_and_a_pipe_is_refused() {
         let output = gs3(at, RENDER).env("PATH", &path).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
         assert_eq!(fs::read_link(at.join("clip.mp4")).unwrap(), Path::new(target));
-        assert_eq!(fs::metadata(at.join(target)).unwrap().len(), 5 * 96 * 54 * 3 / 2);
+        assert_eq!(fs::metadata(at.join(target)).unwrap().len(), 7 * 96 * 54 * 3 / 2);
         fs::remove_file(at.join("clip.mp4")).unwrap();
     }
     assert_eq!(names(&at.join("far")), ["new", "old"]);
@@ -292,11 +316,11 @@ fn after_an_interruption_it_is_said_how_the_whole_video_is_made() {
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(130), "{said}");
     let names = names(&frames);
-    // Frames 3 to 478. The next one to render shows two.
-    let left = 2 + names.len() / 2;
-    assert_eq!(names[0], "frame_000003.png");
+    // Frames 4 to 717. The next one to render shows three.
+    let left = 2 + names.len() / 3;
+    assert_eq!(names[0], "frame_000004.png");
     let rest = format!("To go on: the same command with --frames {left}..240 --out ./clip/, and then, ");
     assert!(said.contains(&rest), "{said}");
-    let whole = "ffmpeg -framerate 60 -start_number 3 -i ./clip/frame_%06d.png -frames:v 476 -vf scale=out_color_matrix=bt709:";
+    let whole = "ffmpeg -framerate 60 -start_number 4 -i ./clip/frame_%06d.png -frames:v 714 -vf scale=out_color_matrix=bt709:";
     assert!(said.contains(whole) && said.trim_end().ends_with(" ./clip.mp4"), "{said}");
 }

@@ -145,7 +145,7 @@ fn a_video_is_the_one_of_render_and_the_window_lives_on_meanwhile() {
         serde_json::from_slice(&fs::read(folder.join("figures.json")).unwrap()).unwrap();
     assert!(figures["rendered"].as_u64().unwrap() > 16, "{figures}");
     // The command encodes by itself where there is no ffmpeg.
-    let render = "render demo --path way.json --size 160x90 --backend cpu --out rendered.mp4";
+    let render = "render demo --path way.json --size 160x90 --in-between 1 --backend cpu --out rendered.mp4";
     let rendered = gs3(folder, render).env("PATH", "/nonexistent").output().unwrap();
     assert!(rendered.status.success(), "{}", stderr(&rendered));
     let [shown, rendered, short] =

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use gs3::{Backend, Dilation, Mode, Networks, PipelineSettings, Quality, Refine, Scale, Tier};
+use gs3::{Backend, Dilation, IN_BETWEEN, Mode, Networks, PipelineSettings, Quality, Refine, Scale, Tier};
 
 use super::{gs3_backend, gs3_dilation, gs3_mode, gs3_networks, gs3_quality, gs3_refine, gs3_renderer_desc};
 use crate::choice::{choice, flag, or_default};
@@ -38,7 +38,7 @@ impl gs3_renderer_desc {
             refine: self.refine()?,
             quality: choice("quality", "gs3_quality", self.quality, &qualities)?,
             dilation: choice("dilation", "gs3_dilation", self.dilation, &dilations)?,
-            in_between: or_default(self.in_between_count, 1),
+            in_between: or_default(self.in_between_count, IN_BETWEEN),
             background: self.background,
             ..PipelineSettings::default()
         };

@@ -49,7 +49,7 @@ class Renderer:
         quality: str = "balanced",
         refine: Union[str, float] = "auto",
         scale: Union[str, int] = "auto",
-        frames_between: int = 1,
+        frames_between: int = 2,
         mode: str = "full",
         backend: str = "auto",
         tier: Optional[str] = None,

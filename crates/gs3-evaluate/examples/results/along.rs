@@ -21,9 +21,9 @@ pub const OURS: [(&str, &[&str]); 9] = [
     ("fast_ss", &["fast"]),
     ("balanced_ss", &["balanced"]),
     ("high_ss", &["high"]),
-    ("refined_fast", &["refined_fast+warp"]),
-    ("refined", &["default", "refined+warp2"]),
-    ("refined_high", &["refined_high+warp"]),
+    ("refined_fast", &["refined_fast+warp2"]),
+    ("refined", &["refined+warp", "default"]),
+    ("refined_high", &["refined_high+warp2"]),
 ];
 /// Baselines, without in-between frames.
 const BASELINES: [&str; 2] = ["bicubic", "hermite"];

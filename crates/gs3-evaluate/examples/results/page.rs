@@ -43,7 +43,7 @@ const METHODS: &str = "\
     | `fast_ss`, `fast`, `balanced_ss`, `balanced`, `high_ss`, `high` | the same, with super sampling \
     by the tier's network; kriging is coarse below `fast` and fine below `high` |\n\
     | `refined_fast`, `refined`, `refined_high` | `history` with exact pixels at the quality fast, balanced and high; \
-    `+warp` also shows one in-between frame before each rendered one, `+warp2` two; `default` is `refined+warp`: what gs3 does \
+    `+warp` also shows one in-between frame before each rendered one, `+warp2` two; `default` is `refined+warp2`: what gs3 does \
     unless it is told otherwise |\n\
     \n\
     | measure | is |\n\

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use gs3::neural::model::{PublishedNetwork, Tier};
-use gs3::{MAX_IN_BETWEEN, Quality};
+use gs3::{IN_BETWEEN, MAX_IN_BETWEEN, Quality};
 
 /// How a method makes a frame from a rendered one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -163,7 +163,7 @@ const INTERPOLATIONS: [(&str, Interpolation); 8] = [
 /// one frame between two rendered ones, as the paper: `history+warp` is `--refine off --in-between 1`, `kriging+warp` the
 /// same with `--kriging`, `overscan+warp` with `--overscan` too, `fast_ss+warp` with learning, and so on.
 const WHOLE: [(&str, (Spatial, Interpolation)); 7] = [
-    ("default", (Spatial::Refined(Quality::Balanced), Interpolation::Warp(1))),
+    ("default", (Spatial::Refined(Quality::Balanced), Interpolation::Warp(IN_BETWEEN))),
     ("analytic", (Spatial::History, Interpolation::Warp(1))),
     ("kriged", (Spatial::Kriging, Interpolation::Warp(1))),
     ("overscanned", (Spatial::Overscan, Interpolation::Warp(1))),
@@ -369,7 +369,7 @@ mod tests {
         let names = DEFAULT_METHODS
             .split(',')
             .chain(["span@antialiased", "analytic@kerbl", "hermite@kerbl+warp", "ecbsr_trained+warp"])
-            .chain(["refined+warp2", "refined_fast+warp2", "history@kerbl+warp3", "fast_ss+warp2"])
+            .chain(["refined+warp", "refined_fast+warp2", "history@kerbl+warp3", "fast_ss+warp2"])
             .chain([
                 "fast",
                 "balanced_ss",
@@ -387,7 +387,7 @@ mod tests {
             assert_eq!(name.parse::<MethodSpec>().map(|m| m.to_string()).as_deref(), Ok(name));
         }
         for (parts, whole) in
-            [("history+warp", "analytic"), ("balanced_ss+warp", "balanced"), ("refined+warp", "default")]
+            [("history+warp", "analytic"), ("balanced_ss+warp", "balanced"), ("refined+warp2", "default")]
         {
             assert_eq!(parts.parse::<MethodSpec>(), whole.parse());
         }

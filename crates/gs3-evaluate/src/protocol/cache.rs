@@ -93,7 +93,7 @@ mod tests {
     fn scores_of_other_numbers_of_frames_between_are_other_parts_under_any_name()
     -> Result<(), Box<dyn std::error::Error>> {
         let mut digests = Vec::new();
-        for name in ["refined", "refined+warp2", "default", "refined+warp3"] {
+        for name in ["refined", "refined+warp", "default", "refined+warp3"] {
             let part = part_of(name.parse()?, 4, None)?;
             let digest = part.strip_prefix(name).and_then(|rest| rest.strip_prefix('-'));
             digests.push(digest.ok_or("expected the method's name")?.to_owned());

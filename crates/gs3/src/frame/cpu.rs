@@ -76,6 +76,10 @@ impl CpuMachine {
     }
 }
 
+/// A frame's exact blocks are made in parts of at most this share of all blocks, 1 / [`BLOCK_PARTS`]: at 1920×1080 they take 28 MB
+/// instead of 83 MB. Qualities allow up to 30 %, so only frames that are exact as a whole, or by a large share, have several parts.
+const BLOCK_PARTS: usize = 3;
+
 /// The stages of a frame in the CPU's memory, with any rasterizer, and everything that the stages remember.
 pub struct CpuStages {
     plan: FramePlan,
@@ -89,11 +93,12 @@ pub struct CpuStages {
     padded: GBuffer,
     /// The frame before a network refines it, if there is a network.
     analytic: Image,
-    /// The exact blocks of the frame.
+    /// Places of the rendered frame's exact blocks.
+    places: Vec<[u16; 2]>,
+    /// The exact blocks made last: of a part of the rendered frame, or of an in-between frame.
     blocks: ExactBlocks,
     controller: ShareController,
-    /// The exact blocks of an in-between frame, and the errors that they are chosen by.
-    blocks_between: ExactBlocks,
+    /// The errors that the exact blocks of an in-between frame are chosen by.
     errors_between: Vec<f32>,
 }
 
@@ -122,9 +127,9 @@ impl CpuStages {
                 .transpose()?,
             padded: GBuffer::default(),
             analytic: Image::default(),
+            places: Vec::new(),
             blocks: ExactBlocks::default(),
             controller: ShareController::default(),
-            blocks_between: ExactBlocks::default(),
             errors_between: Vec::new(),
         })
     }
@@ -167,8 +172,7 @@ impl CpuStages {
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
                     times.time(Stage::Refine, async { self.refine(inputs, rasterizer, frames) }).await?;
                 } else {
-                    // Only here: refining overwrites the blocks, and would write cleared ones twice.
-                    self.blocks.clear();
+                    self.places.clear();
                 }
 
                 // The previous frame and this one to the in-between frames.
@@ -195,7 +199,7 @@ impl CpuStages {
 
     /// Places of the exact blocks of the last frame, in blocks.
     pub fn exact_places(&self) -> &[[u16; 2]] {
-        &self.blocks.places
+        &self.places
     }
 
     /// The squared errors that were expected of the last frame before its exact blocks. Empty in modes without
@@ -270,16 +274,25 @@ impl CpuStages {
     ) -> Result<(), PipelineError> {
         let image = &mut frames.current.image;
         let budget = self.plan.block_budget(inputs.reset, self.controller.share());
-        let places = select_blocks(self.super_sampler.expected_errors(), image.size(), budget);
-        rasterizer.rasterize_blocks(&places, &mut self.blocks)?;
-        self.super_sampler.refine(&self.blocks, image);
+        let mut places = select_blocks(self.super_sampler.expected_errors(), image.size(), budget);
+        let [columns, rows] = block_grid(image.size());
+        let at_once = (columns * rows).div_ceil(BLOCK_PARTS);
+        if places.len() > at_once {
+            // Parts are rows of blocks, so few tiles are in two parts.
+            places.sort_unstable_by_key(|[x, y]| [*y, *x]);
+        }
+        for part in places.chunks(at_once) {
+            rasterizer.rasterize_blocks(part, &mut self.blocks)?;
+            self.super_sampler.refine(&self.blocks, image);
+        }
+        self.places = places;
         Ok(())
     }
 
     /// Share of the last frame's pixels that are exact blocks, `[0, 1]`.
     fn refined_share(&self, inputs: &FrameInputs) -> f32 {
         let [columns, rows] = block_grid(inputs.camera.size());
-        self.blocks.len() as f32 / (columns * rows) as f32
+        self.places.len() as f32 / (columns * rows) as f32
     }
 
     fn interpolate(
@@ -291,8 +304,9 @@ impl CpuStages {
         let Frames { previous, current, in_between } = frames;
         let before = previous.neighbor().ok_or(PipelineError::Internal { expected: "a previous frame" })?;
         let after = Neighbor { camera: &inputs.camera, image: &current.image, gbuffer: &current.gbuffer };
+        let exact = self.refined_share(inputs);
         let interpolator = &mut self.interpolator;
-        let budget = self.plan.budget_between().filter(|_| rasterizer.makes_blocks());
+        let budget = self.plan.budget_between(exact).filter(|_| rasterizer.makes_blocks());
         let settings = self.plan.raster_image();
         for (moment, out) in inputs.moments.iter().zip(in_between) {
             let (t, camera) = (moment.t, &moment.camera);
@@ -304,8 +318,8 @@ impl CpuStages {
             if let Some(budget) = budget {
                 interpolator.expected_errors(&mut self.errors_between);
                 let places = select_blocks(&self.errors_between, camera.size(), budget);
-                rasterizer.rasterize_image_blocks(camera, &settings, &places, &mut self.blocks_between)?;
-                write_blocks(&self.blocks_between, out);
+                rasterizer.rasterize_image_blocks(camera, &settings, &places, &mut self.blocks)?;
+                write_blocks(&self.blocks, out);
             }
         }
         Ok(())

@@ -36,7 +36,7 @@ use aov::LayerMaker;
 pub use args::RenderArgs;
 use compare::Comparison;
 use course::Course;
-use parts::{claim, end, frames_missing, is_there, numbers_of, stream_of};
+use parts::{claim, end, frames_missing, is_there, numbers_of, stream_of, tell_of_high_rate};
 
 pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     start_threads(args.view.threads)?;
@@ -119,6 +119,7 @@ pub fn run(args: &RenderArgs) -> Result<Outcome, CliError> {
     }
     let shown_each = settings.displayed_per_rendered();
     let stream = stream_of(&path, &range, shown_each);
+    tell_of_high_rate(&target, &stream, shown_each);
 
     let scene = &Arc::clone(sessions[0].scene());
     let (machine, pipeline) = (sessions[0].machine(), sessions[0].pipeline());

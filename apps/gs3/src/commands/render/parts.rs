@@ -23,6 +23,25 @@ pub fn stream_of(path: &CameraPath, range: &Range<usize>, each: usize) -> Stream
     }
 }
 
+/// Frames per second that most screens show.
+const SCREEN_RATE: f64 = 60.0;
+
+/// Says that a video has more frames per second than most screens show, where fewer in-between frames would help. Such a screen
+/// leaves out frames unevenly.
+pub fn tell_of_high_rate(target: &Target, stream: &Stream, each: usize) {
+    if let Target::Video { file, .. } = target
+        && each > 2
+        && stream.rate > SCREEN_RATE
+    {
+        let fewer = 2.0 * stream.rate / each as f64;
+        note(format_args!(
+            "{} has {} frames per second, and most screens show {SCREEN_RATE}; with --in-between 1 it has {fewer}",
+            file.display(),
+            stream.rate,
+        ));
+    }
+}
+
 /// Ends a run over the rendered frames `range`, which wrote frames of `stream` with these `numbers`. After an
 /// interruption `next` is the first frame that is left, and the user is told how to go on. After a whole run the video
 /// that was asked for may be missing, which is an error.
