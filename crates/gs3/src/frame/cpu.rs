@@ -273,7 +273,7 @@ impl CpuStages {
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
         let image = &mut frames.current.image;
-        let budget = self.plan.block_budget(inputs.reset, self.controller.share());
+        let budget = self.plan.block_budget(inputs, self.controller.share());
         let mut places = select_blocks(self.super_sampler.expected_errors(), image.size(), budget);
         let [columns, rows] = block_grid(image.size());
         let at_once = (columns * rows).div_ceil(BLOCK_PARTS);

@@ -3,7 +3,7 @@
 use gs3_neural::Weights;
 use gs3_neural::model::{Tier, tier_of};
 use gs3_raster::{MAX_MARGIN, Outputs, RasterSettings};
-use gs3_reconstruct::{BlockBudget, Kriging, ResetReason, Sampling};
+use gs3_reconstruct::{BlockBudget, Kriging, Sampling};
 
 use super::inputs::FrameInputs;
 use crate::error::{NetworkError, PipelineError};
@@ -80,11 +80,11 @@ impl FramePlan {
     }
 
     /// The blocks that may be exact in a frame. `fitting` is the share of the pixels that fits the time of a frame.
-    pub fn block_budget(&self, reset: Option<ResetReason>, fitting: f32) -> BlockBudget {
+    pub fn block_budget(&self, inputs: &FrameInputs, fitting: f32) -> BlockBudget {
         match self.refine {
             refine if !refine.is_on() => BlockBudget { most: 0.0, least_error: 0.0 },
-            refine if reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
-            Refine::Off | Refine::Auto => self.settings.quality.budget(),
+            refine if inputs.reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
+            Refine::Off | Refine::Auto => self.settings.quality.budget(inputs.scale),
             Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
             Refine::FrameTime(_) => BlockBudget { most: fitting, least_error: 0.0 },
         }

@@ -125,7 +125,7 @@ impl GpuMachine {
             }
             return Ok(made);
         }
-        let budget = self.plan.block_budget(inputs.reset, self.controller.share());
+        let budget = self.plan.block_budget(inputs, self.controller.share());
         let blocks = if self.makes_blocks() { most_blocks(budget, inputs.camera.size()) } else { 0 };
         let has_blocks = blocks > 0;
         let Self { gpu, plan, rasterizer, memory, .. } = self;
