@@ -147,7 +147,7 @@ pub const KEYFRAMES: u32 = 32;
 
 /// Default number of frames interpolated between two rendered frames. The paper has one. With two, a rendered frame may take
 /// half as long again for the same displayed frames per second, so more of its pixels are exact. In-between frames become
-/// better with their neighbors.
+/// better with their neighbours.
 pub const IN_BETWEEN: u32 = 2;
 
 /// Largest number of frames interpolated between two rendered frames.

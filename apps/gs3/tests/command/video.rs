@@ -63,13 +63,24 @@ fn without_ffmpeg_there_is_a_video_too() {
     assert_eq!((&video[4..8], video.windows(4).filter(|w| w == b"avc1").count()), (&b"ftyp"[..], 2));
 }
 
+/// Writes path.json: two cameras near each other, `fps` a second.
+fn write_path(folder: &Path, fps: u32) {
+    let camera = |x: f64| {
+        format!(r#"{{"camera_to_world": [1,0,0,{x}, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8}}"#)
+    };
+    let (first, second) = (camera(0.0), camera(0.1));
+    let size = r#""render_height": 54, "render_width": 96"#;
+    fs::write(
+        folder.join("path.json"),
+        format!(r#"{{"fps": {fps}, {size}, "camera_path": [{first}, {second}]}}"#),
+    )
+    .unwrap();
+}
+
 #[test]
 fn a_rate_that_screens_do_not_show_is_told() {
     let folder = tempfile::tempdir().unwrap();
-    let path = r#"{"fps": 30, "render_height": 54, "render_width": 96, "camera_path": [
-        {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8},
-        {"camera_to_world": [1,0,0,0.1, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8}]}"#;
-    fs::write(folder.path().join("path.json"), path).unwrap();
+    write_path(folder.path(), 30);
     for (options, told) in [
         ("--out clip.mp4", true),
         ("--in-between 1 --out clip.mp4", false),
@@ -91,10 +102,7 @@ fn a_rate_that_screens_do_not_show_is_told() {
 fn a_video_that_cannot_be_made_costs_no_frame() {
     let folder = tempfile::tempdir().unwrap();
     // A frame rate that no video of ours has.
-    let path = r#"{"fps": 4000, "render_height": 54, "render_width": 96, "camera_path": [
-        {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8},
-        {"camera_to_world": [1,0,0,1, 0,1,0,0, 0,0,1,5, 0,0,0,1], "fov": 50, "aspect": 1.8}]}"#;
-    fs::write(folder.path().join("path.json"), path).unwrap();
+    write_path(folder.path(), 4000);
     let render = "render demo --path path.json --mode native --out clip.mp4";
     let output = gs3(folder.path(), render).env("PATH", "").output().unwrap();
     let said = stderr(&output);

@@ -77,7 +77,8 @@ impl CpuMachine {
 }
 
 /// A frame's exact blocks are made in parts of at most this share of all blocks, 1 / [`BLOCK_PARTS`]: at 1920×1080 they take 28 MB
-/// instead of 83 MB. Qualities allow up to 30 %, so only frames that are exact as a whole, or by a large share, have several parts.
+/// instead of 83 MB. Qualities allow up to 30 %, so only frames that are exact as a whole, or by a large share, have several parts. (A frame in slabs of depth is
+/// projected anew for each part.)
 const BLOCK_PARTS: usize = 3;
 
 /// The stages of a frame in the CPU's memory, with any rasterizer, and everything that the stages remember.
