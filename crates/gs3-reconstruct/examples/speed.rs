@@ -62,8 +62,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             continue;
         }
         let (camera_before, gbuffer_before) = &rendered[k - 1];
-        let from = Neighbor { camera: camera_before, image: &previous, gbuffer: gbuffer_before };
-        let to = Neighbor { camera, image: &current, gbuffer };
+        let from =
+            Neighbor { camera: camera_before, image: &previous, gbuffer: gbuffer_before, gradients: None };
+        let to = Neighbor { camera, image: &current, gbuffer, gradients: None };
         let middle = path.at(k as f64 - 0.5);
         let (result, interpolation) = time(|| interpolator.interpolate(from, to, 0.5, &middle, &mut between));
         result?;

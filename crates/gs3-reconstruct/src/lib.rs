@@ -30,8 +30,8 @@
 //! let later = render(&camera.low_resolution(4), [0.125, -0.125]);
 //! sampler.super_sample(&camera, &later, &mut after)?;
 //!
-//! let from = Neighbor { camera: &camera, image: &before, gbuffer: &earlier };
-//! let to = Neighbor { camera: &camera, image: &after, gbuffer: &later };
+//! let from = Neighbor { camera: &camera, image: &before, gbuffer: &earlier, gradients: None };
+//! let to = Neighbor { camera: &camera, image: &after, gbuffer: &later, gradients: None };
 //! Interpolator::new(4)?.interpolate(from, to, 0.5, &camera, &mut between)?;
 //! assert_eq!((between.width(), between.height()), (64, 36));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -54,6 +54,7 @@ mod settings;
 mod staleness;
 mod view;
 
+pub use cpu::block_gradients::BlockGradients;
 pub use cpu::hermite::hermite;
 pub use cpu::interpolate::{Interpolator, Neighbor, Reprojected, Warped};
 pub use cpu::motion::{Depth, DepthView, Motion};

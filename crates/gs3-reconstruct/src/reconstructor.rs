@@ -184,9 +184,13 @@ impl Reconstructor {
         let since = Since { reset: start.reset, vectors };
         self.super_sampler.super_sample_since(since, camera, gbuffer, padded, image)?;
         let (Some(previous), Some(before)) = (&start.previous, &self.previous.camera) else { return Ok(0) };
-        let before =
-            Neighbor { camera: before, image: &self.previous.image, gbuffer: &self.previous.gbuffer };
-        let after = Neighbor { camera, image, gbuffer };
+        let before = Neighbor {
+            camera: before,
+            image: &self.previous.image,
+            gbuffer: &self.previous.gbuffer,
+            gradients: None,
+        };
+        let after = Neighbor { camera, image, gbuffer, gradients: None };
         let (count, displacements) = (self.in_between.len(), self.super_sampler.displacements());
         for (k, out) in self.in_between.iter_mut().enumerate() {
             let t = (k + 1) as f64 / (count + 1) as f64;

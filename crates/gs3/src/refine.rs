@@ -14,11 +14,10 @@ use crate::stages::{Stage, StageTimes};
 pub enum Quality {
     /// Errors of twelve steps of 8 bits, 8 % of the pixels.
     Fast,
-    /// Errors of 5.75 steps of 8 bits, 20 % of the pixels. In-between frames of a rendered frame with at most 5 % exact pixels:
-    /// errors of four steps, 5 % of the pixels.
+    /// Errors of 5.75 steps of 8 bits, 18 % of the pixels.
     #[default]
     Balanced,
-    /// Errors of three steps of 8 bits, 30 % of the pixels. All in-between frames: errors of four steps, 5 % of the pixels.
+    /// Errors of three steps of 8 bits, 30 % of the pixels. In-between frames: errors of four steps, 5 % of the pixels.
     High,
 }
 
@@ -47,34 +46,26 @@ impl Quality {
     pub fn budget(self, scale: u32) -> BlockBudget {
         let BlockBudget { most, least_error } = match self {
             Self::Fast => budget(0.08, 12.0),
-            Self::Balanced => budget(0.2, 5.75),
+            Self::Balanced => budget(0.18, 5.75),
             Self::High => budget(0.3, 3.0),
         };
         let coarser = scale.max(4) as f32 / 4.0;
         BlockBudget { most: most / (coarser * coarser), least_error }
     }
 
-    /// The budget of [`Refine::Auto`] for the in-between frames before a rendered frame with the share `exact` of exact pixels;
-    /// none if in-between frames have no exact pixels.
+    /// The budget of [`Refine::Auto`] for in-between frames; none if in-between frames have no exact pixels.
     ///
-    /// Gaussians are projected anew for an in-between frame. The projection takes 4 to 6 ms at 1920×1080 for however few pixels
-    /// (captures, two AVX2 cores). With [`Self::Balanced`] a rendered frame with few exact pixels leaves time for the projection.
+    /// Gaussians are projected anew for an in-between frame. At 1920×1080 this takes 6 to 9 ms for however few pixels (captures,
+    /// two AVX2 cores). With [`Self::Balanced`], exact pixels of in-between frames would gain 0.7 to 1 dB there on `fungi` and
+    /// `lacadiere`, in a fifth more time.
     #[must_use]
-    pub fn budget_between(self, exact: f32) -> Option<BlockBudget> {
-        let has_time = match self {
-            Self::Fast => false,
-            Self::Balanced => exact <= FEW,
-            Self::High => true,
-        };
-        has_time.then(|| budget(0.05, 4.0))
+    pub fn budget_between(self) -> Option<BlockBudget> {
+        match self {
+            Self::Fast | Self::Balanced => None,
+            Self::High => Some(budget(0.05, 4.0)),
+        }
     }
 }
-
-/// Largest share of exact pixels that leaves time for exact pixels in in-between frames. (Empirical: rendered frames of `fungi`
-/// and `lacadiere` have 1 to 3 %, rendered frames of `flowers_drift` 7 %. In-between frames of `fungi_drift` are 0.5 dB below
-/// rendered ones instead of 1.5 dB, and 3.4 instead of 4.5 times as many frames as native ones are displayed. `flowers_drift`
-/// would show 1.7 instead of 2.0 times as many.)
-const FEW: f32 = 0.05;
 
 /// At most the share `most` of the pixels, where errors of so many `steps` of 8 bits are expected.
 fn budget(most: f32, steps: f32) -> BlockBudget {

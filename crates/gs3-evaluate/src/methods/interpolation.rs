@@ -37,8 +37,10 @@ pub(super) fn interpolate(
         // Learned interpolation is part of the pipeline, and `build` takes no other.
         Interpolation::Warp(_) | Interpolation::Learned(_) => {
             let (Some(from), Some(to)) = (&before.camera, &after.camera) else { return Ok(false) };
-            let before = Neighbor { camera: from, image: &before.image, gbuffer: &before.gbuffer };
-            let after = Neighbor { camera: to, image: &after.image, gbuffer: &after.gbuffer };
+            let before =
+                Neighbor { camera: from, image: &before.image, gbuffer: &before.gbuffer, gradients: None };
+            let after =
+                Neighbor { camera: to, image: &after.image, gbuffer: &after.gbuffer, gradients: None };
             interpolator.interpolate(before, after, t, pose, out)?;
             Ok(true)
         }

@@ -21,11 +21,14 @@ pub(crate) struct Blend<'a> {
     pub warp: Warp<'a, 2>,
     /// Time, `[0, 1]` from the first neighbour to the second.
     pub t: f32,
+    /// Whether errors to expect are wanted.
+    pub has_errors: bool,
 }
 
 impl Blend<'_> {
     /// Blends the rows of a band: `rows`, starting at row `top`. `errors` gets [`squared_error`] of each of
-    /// the band's patches, summed over pixels and RGB; 0 of patches that are not whole.
+    /// the band's patches, summed over pixels and RGB; 0 of patches that are not whole, and if
+    /// errors are not wanted.
     #[inline(always)]
     pub fn blend<S: Simd>(&self, simd: S, top: usize, rows: &mut [[f32; 4]], errors: &mut [f32]) {
         let warp = &self.warp;
@@ -51,12 +54,12 @@ impl Blend<'_> {
                     continue;
                 }
                 let moves_alike = run.rigid >> k & 1 == 1 && clip.is_whole();
-                let error = &mut errors[patches.index([x, y])];
+                let mut error = errors.get_mut(patches.index([x, y])).filter(|_| self.has_errors);
                 let is_gathered = gathered >> k & 1 == 1;
                 let is_even = moves_alike && run.even >> k & 1 == 1;
                 if is_gathered
                     && is_even
-                    && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows, error)
+                    && self.gather_second(simd, &run, k, even_share[k], &first[k], &clip, rows, &mut error)
                 {
                     continue;
                 }
@@ -88,7 +91,9 @@ impl Blend<'_> {
                     sum += squared;
                     clip.store(mixed, r, rows);
                 }
-                if clip.is_whole() {
+                if clip.is_whole()
+                    && let Some(error) = error
+                {
                     *error = of_colors(sum);
                 }
             }
@@ -128,7 +133,7 @@ impl Blend<'_> {
         first: &[[f32; 4 * SIDE]; SIDE],
         clip: &Clip,
         rows: &mut [[f32; 4]],
-        error: &mut f32,
+        error: &mut Option<&mut f32>,
     ) -> bool {
         if share == 0.0 {
             for (r, first) in first.iter().enumerate() {
@@ -155,7 +160,9 @@ impl Blend<'_> {
             sum += squared_error(between, by);
             clip.store(between.mul_add(by, both[0][r]), r, rows);
         }
-        *error = of_colors(sum);
+        if let Some(error) = error {
+            **error = of_colors(sum);
+        }
         true
     }
 }

@@ -11,6 +11,7 @@ use gs3_scene::{Camera, GBuffer, Image, Planes};
 use rayon::prelude::*;
 
 use crate::cpu::blend::{Blend, shares};
+use crate::cpu::block_gradients::BlockGradients;
 use crate::cpu::gather::Gather;
 use crate::cpu::middle_depth::{MiddleDepth, Passage};
 use crate::cpu::neighbor_depth::NeighborDepth;
@@ -30,6 +31,8 @@ pub struct Neighbor<'a> {
     pub image: &'a Image,
     /// The LR frame that `image` was reconstructed from, with geometry.
     pub gbuffer: &'a GBuffer,
+    /// Derivatives of `image` in its exact blocks, of the size of `image`; none if there are none, or if they are unknown.
+    pub gradients: Option<&'a BlockGradients>,
 }
 
 /// Both neighbours, warped to the pose of the in-between frame.
@@ -71,6 +74,7 @@ pub struct Interpolator {
     middle: MiddleDepth,
     neighbors: [NeighborDepth; 2],
     errors: PatchErrors,
+    has_errors: bool,
 }
 
 impl Interpolator {
@@ -87,7 +91,14 @@ impl Interpolator {
             middle: MiddleDepth::default(),
             neighbors: [NeighborDepth::default(), NeighborDepth::default()],
             errors: PatchErrors::default(),
+            has_errors: true,
         })
+    }
+
+    /// Whether the next frames have [`Self::expected_errors`]: yes at first. Without them a frame is made a little faster, and the
+    /// errors are 0.
+    pub const fn set_has_errors(&mut self, has_errors: bool) {
+        self.has_errors = has_errors;
     }
 
     /// The squared errors to expect of the last frame of [`Self::interpolate`] into `out`, which is resized: one per block of
@@ -128,7 +139,8 @@ impl Interpolator {
         let level = self.level;
         let passage = displacements.map(|displacements| Passage { displacements, t });
         let mut errors = std::mem::take(&mut self.errors);
-        let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t };
+        let has_errors = self.has_errors;
+        let blend = Blend { warp: self.prepare([before, after], t, camera, passage)?, t, has_errors };
         let [width, height] = camera.size().to_usize();
         out.resize(width, height);
         let scale = blend.warp.scale;
@@ -225,6 +237,9 @@ impl Interpolator {
             check_size("neighbour camera", size, neighbor.camera.size())?;
             check_size("neighbour image", size, neighbor.image.size())?;
             check_gbuffer(neighbor.gbuffer, self.scale, size)?;
+            if let Some(gradients) = neighbor.gradients {
+                check_size("neighbour gradients", size, gradients.size())?;
+            }
         }
         for (depth, neighbor) in self.neighbors.iter_mut().zip(&neighbors) {
             let Some(geometry) = &neighbor.gbuffer.geometry else {
@@ -240,6 +255,7 @@ impl Interpolator {
             middle: &self.middle,
             depths: self.neighbors.each_ref(),
             images: neighbors.map(|n| n.image),
+            gradients: neighbors.map(|n| n.gradients),
             reprojections: neighbors.map(|n| Reprojection::new(camera, n.camera)),
             shares: Passage::to_neighbors(t),
         })

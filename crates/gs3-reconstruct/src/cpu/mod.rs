@@ -1,6 +1,7 @@
 //! Reconstruction on CPUs. Modules with a shader of the same stem in `gpu` are the same stage.
 
 pub(crate) mod blend;
+pub(crate) mod block_gradients;
 pub(crate) mod boxes;
 pub(crate) mod carry;
 pub(crate) mod displacement;

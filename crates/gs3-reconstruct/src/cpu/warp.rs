@@ -19,7 +19,9 @@ use fearless_simd::{Simd, f32x4, f32x16, i32x16, prelude::*};
 use gs3_scene::Image;
 use rayon::prelude::*;
 
+use crate::cpu::block_gradients::BlockGradients;
 use crate::cpu::gather::{Gather, QUAD, UNITS};
+use crate::cpu::lanes::load_all;
 use crate::cpu::middle_depth::MiddleDepth;
 use crate::cpu::neighbor_depth::{HIDDEN, NeighborDepth};
 use crate::cpu::rigidity::{looseness, toward};
@@ -78,6 +80,8 @@ pub(crate) struct Warp<'a, const N: usize> {
     pub middle: &'a MiddleDepth,
     pub depths: [&'a NeighborDepth; N],
     pub images: [&'a Image; N],
+    /// Derivatives of each image in its exact blocks.
+    pub gradients: [Option<&'a BlockGradients>; N],
     pub reprojections: [Reprojection; N],
     /// Shares of the displacements from the middle frame to each neighbour ([`MiddleDepth::displacements_at`]).
     pub shares: [f32; N],
@@ -171,9 +175,10 @@ impl<'a> Warp<'a, 2> {
     /// The same for the first neighbour alone.
     pub fn of_first(self) -> Warp<'a, 1> {
         let Self { scale, gather, middle, depths: [depth, _], images: [image, _], .. } = self;
+        let [gradients, _] = self.gradients;
         let ([reprojection, _], [share, _]) = (self.reprojections, self.shares);
         let (depths, images, reprojections) = ([depth], [image], [reprojection]);
-        Warp { scale, gather, middle, depths, images, reprojections, shares: [share] }
+        Warp { scale, gather, middle, depths, images, gradients: [gradients], reprojections, shares: [share] }
     }
 }
 
@@ -345,7 +350,15 @@ impl<const N: usize> Warp<'_, N> {
     #[inline(always)]
     pub fn quads<S: Simd>(&self, simd: S, n: usize, run: &Run<N>, k: usize) -> Option<[f32x16<S>; SIDE]> {
         let [x, y] = &run.places[n];
-        self.gather.patch(simd, self.images[n], [x[k], y[k]])
+        let (image, place) = (self.images[n], [x[k], y[k]]);
+        if let Some(gradients) = self.gradients[n]
+            && let Some(cells) = gradients.cells(image.size(), place)
+        {
+            let mut quads = [[0.0; 4 * SIDE]; SIDE];
+            cells.patch(simd.level(), image, place, &mut quads);
+            return Some(load_all(simd, &quads));
+        }
+        self.gather.patch(simd, image, place)
     }
 
     /// The pixels of patch `k` of a run in neighbour `n`, row by row. Rows and columns beyond the clip are unspecified.

@@ -388,8 +388,12 @@ fn interpolation_matches_the_cpu() {
             let uploaded = [0, 1].map(|k| Uploaded::new(&gpu, &gbuffers[k]));
             let mut cpu = Interpolator::new(scale).unwrap();
             let interpolator = GpuInterpolator::new(&gpu, scale, size).unwrap();
-            let neighbor =
-                |k: usize| Neighbor { camera: &cameras[k], image: &images[k], gbuffer: &gbuffers[k] };
+            let neighbor = |k: usize| Neighbor {
+                camera: &cameras[k],
+                image: &images[k],
+                gbuffer: &gbuffers[k],
+                gradients: None,
+            };
             let on_gpu = |k: usize| GpuNeighbor { image: &on_device[k], planes: uploaded[k].planes() };
             let view = |k: usize| NeighborView { camera: cameras[k], jitter: gbuffers[k].jitter };
             for t in [0.25, 0.5] {

@@ -1,8 +1,9 @@
 //! Frame interpolation at the true middle pose.
 
 use crate::common::{Sheet, World, camera, wall_and_post};
+use crate::refine::exact_blocks;
 use crate::world::psnr_where;
-use gs3_reconstruct::{Interpolator, Neighbor, ReconstructError, Reprojected, Warped};
+use gs3_reconstruct::{BlockGradients, Interpolator, Neighbor, ReconstructError, Reprojected, Warped};
 use gs3_scene::{Camera, GBuffer, Image, block_grid};
 use gs3_test_support::psnr;
 use proptest::prelude::*;
@@ -21,7 +22,7 @@ impl Frame {
     }
 
     fn neighbor(&self) -> Neighbor<'_> {
-        Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer }
+        Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer, gradients: None }
     }
 }
 
@@ -170,9 +171,53 @@ fn blocks_where_the_neighbors_differ_are_expected_to_err() {
             }
         }
         let all: f32 = errors.iter().sum();
+        interpolator.set_has_errors(false);
+        interpolator.interpolate(before.neighbor(), after.neighbor(), 0.25, &camera, &mut out).unwrap();
+        interpolator.expected_errors(&mut errors);
+        assert!(errors.iter().all(|error| *error == 0.0), "they were not asked for");
         let expected = 3.6 * 256.0 * 0.25 * 0.75 * 0.25_f32.powi(2);
         assert!((all / expected - 1.0).abs() < 0.02, "scale {scale}: {all} of {expected}");
     }
+}
+
+/// Texture finer than a pixel moves by parts of a pixel. Where both neighbours are exact, their derivatives tell what is between
+/// pixels; nothing else changes.
+#[test]
+fn derivatives_of_exact_blocks_tell_detail_between_pixels() {
+    let world = World { sheets: vec![Sheet::endless(6.0, 3, 90.0)] };
+    let (x, t) = ([0.0, 0.05], 0.5);
+    let frames = neighbors(&world, x);
+    let native = world.native(&pose(0.025));
+    let places: Vec<[u16; 2]> = (0..34).flat_map(|row| (30..60).map(move |column| [column, row])).collect();
+    let gradients = frames.each_ref().map(|frame| {
+        let mut gradients = BlockGradients::default();
+        gradients.clear(frame.camera.size());
+        gradients.add(&exact_blocks(&world, &frame.camera, places.clone()));
+        gradients
+    });
+    let made = |with: bool| {
+        let [before, after] = [0, 1].map(|k| Neighbor {
+            gradients: if with { gradients[k].some() } else { None },
+            ..frames[k].neighbor()
+        });
+        let (mut out, mut interpolator) = (Image::default(), Interpolator::new(4).unwrap());
+        interpolator.interpolate(before, after, t, &pose(0.025), &mut out).unwrap();
+        out
+    };
+    let [without, with] = [false, true].map(made);
+    let [old, new] = [&without, &with].map(|out| psnr_where(out, &native, |k| k % 240 >= 128));
+    assert!(new > old + 3.0, "{new:.2} dB, without derivatives {old:.2} dB");
+    let left = |image: &Image| -> Vec<[f32; 4]> {
+        image.pixels().iter().enumerate().filter(|(k, _)| k % 240 < 112).map(|(_, pixel)| *pixel).collect()
+    };
+    assert_eq!(left(&with), left(&without));
+    // Derivatives of another size are refused.
+    let mut other = BlockGradients::default();
+    other.clear(gs3_scene::Size::new(8, 8));
+    let wrong = Neighbor { gradients: Some(&other), ..frames[0].neighbor() };
+    let mut interpolator = Interpolator::new(4).unwrap();
+    let error = interpolator.interpolate(wrong, frames[1].neighbor(), t, &pose(0.025), &mut Image::default());
+    assert_eq!(error.unwrap_err().to_string(), "neighbour gradients: expected 240x136 pixels, found 8x8");
 }
 
 #[test]

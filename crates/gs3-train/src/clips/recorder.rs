@@ -41,7 +41,7 @@ struct Rendered {
 impl Rendered {
     /// The frame as it was made without learning.
     const fn analytic(&self) -> Neighbor<'_> {
-        Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer }
+        Neighbor { camera: &self.camera, image: &self.image, gbuffer: &self.gbuffer, gradients: None }
     }
 
     /// The frame as it is shown.
@@ -159,7 +159,7 @@ impl<'a> Recorder<'a> {
         self.super_sampler.super_sample(&camera, &gbuffer, &mut image)?;
         let mut refined = None;
         if let Some(learned) = &mut self.learned {
-            let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+            let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer, gradients: None };
             let mut out = Image::default();
             learned.refine(
                 now,

@@ -170,6 +170,7 @@ impl CpuStages {
                 times.time(Stage::SuperSample, async { self.super_sample(inputs, frames) }).await?;
 
                 // Exact pixels where the reconstruction cannot be trusted.
+                frames.current.gradients.clear(inputs.camera.size());
                 if self.plan.refine.is_on() && rasterizer.makes_blocks() {
                     times.time(Stage::Refine, async { self.refine(inputs, rasterizer, frames) }).await?;
                 } else {
@@ -263,7 +264,7 @@ impl CpuStages {
         };
         self.super_sampler.super_sample_padded(camera, gbuffer, padded, &mut self.analytic)?;
         let previous = frames.previous.neighbor().filter(|_| inputs.reset.is_none());
-        let now = Neighbor { camera, image: &self.analytic, gbuffer };
+        let now = Neighbor { camera, image: &self.analytic, gbuffer, gradients: None };
         Ok(learned.refine(now, self.super_sampler.innovation(), previous, image)?)
     }
 
@@ -273,7 +274,7 @@ impl CpuStages {
         rasterizer: &mut impl RasterizeHere,
         frames: &mut Frames,
     ) -> Result<(), PipelineError> {
-        let image = &mut frames.current.image;
+        let Frame { image, gradients, .. } = &mut frames.current;
         let budget = self.plan.block_budget(inputs, self.controller.share());
         let mut places = select_blocks(self.super_sampler.expected_errors(), image.size(), budget);
         let [columns, rows] = block_grid(image.size());
@@ -282,9 +283,14 @@ impl CpuStages {
             // Parts are rows of blocks, so few tiles are in two parts.
             places.sort_unstable_by_key(|[x, y]| [*y, *x]);
         }
+        // Only in-between frames read derivatives. Those of a whole frame would take a sixth of the memory of the frame's blocks.
+        let has_gradients = self.plan.in_between > 0 && inputs.reset.is_none();
         for part in places.chunks(at_once) {
             rasterizer.rasterize_blocks(part, &mut self.blocks)?;
             self.super_sampler.refine(&self.blocks, image);
+            if has_gradients {
+                gradients.add(&self.blocks);
+            }
         }
         self.places = places;
         Ok(())
@@ -304,10 +310,11 @@ impl CpuStages {
     ) -> Result<(), PipelineError> {
         let Frames { previous, current, in_between } = frames;
         let before = previous.neighbor().ok_or(PipelineError::Internal { expected: "a previous frame" })?;
-        let after = Neighbor { camera: &inputs.camera, image: &current.image, gbuffer: &current.gbuffer };
-        let exact = self.refined_share(inputs);
+        let Frame { image, gbuffer, gradients, .. } = &*current;
+        let after = Neighbor { camera: &inputs.camera, image, gbuffer, gradients: gradients.some() };
         let interpolator = &mut self.interpolator;
-        let budget = self.plan.budget_between(exact).filter(|_| rasterizer.makes_blocks());
+        let budget = self.plan.budget_between().filter(|_| rasterizer.makes_blocks());
+        interpolator.set_has_errors(budget.is_some());
         let settings = self.plan.raster_image();
         for (moment, out) in inputs.moments.iter().zip(in_between) {
             let (t, camera) = (moment.t, &moment.camera);

@@ -1,6 +1,6 @@
 //! The values that a machine takes to make a frame, and the values that it returns.
 
-use gs3_reconstruct::{DepthLattice, Neighbor, ResetReason};
+use gs3_reconstruct::{BlockGradients, DepthLattice, Neighbor, ResetReason};
 use gs3_scene::{Camera, GBuffer, Image, Margin, Size};
 
 use crate::stages::StageTimes;
@@ -66,6 +66,8 @@ pub struct Frame {
     pub camera: Option<Camera>,
     pub gbuffer: GBuffer,
     pub image: Image,
+    /// Derivatives of the image in its exact blocks; empty without exact blocks, and of a frame that is exact as a whole.
+    pub gradients: BlockGradients,
 }
 
 impl Frame {
@@ -76,8 +78,8 @@ impl Frame {
 
     /// The frame as later stages and frames read it, once it is made.
     pub fn neighbor(&self) -> Option<Neighbor<'_>> {
-        let Self { camera, gbuffer, image, .. } = self;
-        camera.as_ref().map(|camera| Neighbor { camera, image, gbuffer })
+        let Self { camera, gbuffer, image, gradients } = self;
+        camera.as_ref().map(|camera| Neighbor { camera, image, gbuffer, gradients: gradients.some() })
     }
 }
 

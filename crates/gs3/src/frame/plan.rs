@@ -90,11 +90,10 @@ impl FramePlan {
         }
     }
 
-    /// The blocks that may be exact in an in-between frame before a rendered frame with the share `exact` of exact pixels; none if
-    /// in-between frames have no exact pixels.
-    pub fn budget_between(&self, exact: f32) -> Option<BlockBudget> {
+    /// The blocks that may be exact in an in-between frame; none if in-between frames have no exact pixels.
+    pub fn budget_between(&self) -> Option<BlockBudget> {
         let is_auto = self.refine == Refine::Auto && self.networks.interpolate.is_none();
-        self.settings.quality.budget_between(exact).filter(|_| is_auto)
+        self.settings.quality.budget_between().filter(|_| is_auto)
     }
 
     /// The rasterizer's settings for the native image.

@@ -141,7 +141,7 @@ impl SuperSampleFeatures {
         innovation: &[[f32; 4]],
         previous: Option<Neighbor<'_>>,
     ) -> Result<(), ReconstructError> {
-        let Neighbor { camera, gbuffer, image } = now;
+        let Neighbor { camera, gbuffer, image, .. } = now;
         let scale = self.scale;
         let Some(gradients) = &gbuffer.gradients else {
             return Err(ReconstructError::Missing { what: "image gradients" });

@@ -71,8 +71,9 @@ impl Reference {
         let mut shown = Vec::new();
         if let Some((last, last_gbuffer, last_image)) = &self.last {
             for t in times {
-                let before = Neighbor { camera: last, image: last_image, gbuffer: last_gbuffer };
-                let after = Neighbor { camera, image: &image, gbuffer };
+                let before =
+                    Neighbor { camera: last, image: last_image, gbuffer: last_gbuffer, gradients: None };
+                let after = Neighbor { camera, image: &image, gbuffer, gradients: None };
                 let at = pose_between(last, camera, *t);
                 let mut between = Image::default();
                 self.interpolator.interpolate(before, after, *t as f32, &at, &mut between).unwrap();

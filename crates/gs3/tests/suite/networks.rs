@@ -151,7 +151,7 @@ fn samples_tell_how_the_previous_frame_errs() {
         let [r, g, b] = ramp(k % width, k / width);
         *pixel = [r, g, b, 0.1];
     }
-    let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+    let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer, gradients: None };
     let innovation = vec![[0.0; 4]; gbuffer.width() * gbuffer.height()];
     let mut features = SuperSampleFeatures::new(SCALE).unwrap();
     let mut of = |previous| {
@@ -243,8 +243,8 @@ fn depths_as_near_as_can_be_spread_nothing() {
     depth.plane_mut(0)[100] = 1e-40;
     let (mut out, mut last) = (Image::default(), Image::default());
     for k in 0..3 {
-        let before = Neighbor { camera: &camera, image: &last, gbuffer: &gbuffer };
-        let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer };
+        let before = Neighbor { camera: &camera, image: &last, gbuffer: &gbuffer, gradients: None };
+        let now = Neighbor { camera: &camera, image: &image, gbuffer: &gbuffer, gradients: None };
         learned.refine(now, &innovation, (k > 0).then_some(before), &mut out).unwrap();
         assert!(out.pixels().as_flattened().iter().all(|v| v.is_finite()), "{k}");
         std::mem::swap(&mut out, &mut last);
@@ -261,7 +261,7 @@ fn frames_that_networks_cannot_read_are_typed_errors() {
     let mut learned = LearnedSuperSampler::new(weights, SCALE, Arithmetic::F32).unwrap();
     let innovation = vec![[0.0; 4]; 40 * 24];
     let mut refine = |gbuffer: &GBuffer, image: &Image| {
-        let now = Neighbor { camera: &camera, image, gbuffer };
+        let now = Neighbor { camera: &camera, image, gbuffer, gradients: None };
         learned.refine(now, &innovation, None, &mut Image::default()).err().map(|error| error.to_string())
     };
     assert_eq!(refine(&good, &image), None);
