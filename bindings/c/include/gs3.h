@@ -174,7 +174,7 @@ typedef enum gs3_opacity_mode {
 
 // What GS3_REFINE_AUTO may spend.
 typedef enum gs3_quality {
-    // 18 % of the pixels, errors of 5.75 steps of 8 bits.
+    // 19 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
     // 8 % of the pixels, errors of twelve steps.
     GS3_QUALITY_FAST = 1,
