@@ -56,8 +56,8 @@ impl Quality {
     /// The budget of [`Refine::Auto`] for in-between frames; none if in-between frames have no exact pixels.
     ///
     /// Gaussians are projected anew for an in-between frame. At 1920×1080 this takes 6 to 9 ms for however few pixels (captures,
-    /// two AVX2 cores). With [`Self::Balanced`], exact pixels of in-between frames would gain 0.7 to 1 dB there on `fungi` and
-    /// `lacadiere`, in a fifth more time.
+    /// two AVX2 cores). With [`Self::Balanced`], exact pixels of in-between frames would gain 0.4 to 1 dB there on `fungi` and
+    /// `lacadiere`, in a tenth to a fifth more time.
     #[must_use]
     pub fn budget_between(self) -> Option<BlockBudget> {
         match self {

@@ -23,11 +23,11 @@ const CORNERS: usize = SIDE + 1;
 const REACH: usize = 2;
 
 /// Weights of the differences between the pixels 1 and 2 on either side: the derivative of the polynomial through five pixels. (Seven
-/// pixels gain 0.01 to 0.04 dB, and take a tenth more of the kernel's time.)
+/// pixels gain 0.01 to 0.04 dB.)
 const DIFFERENCES: [f32; REACH] = [2.0 / 3.0, -1.0 / 12.0];
 
 /// Fewest exact pixels among the 5×5 pixels of a patch that is gathered with derivatives: a third. (Empirical: with 1, in-between frames
-/// of `hqgarden_drift` and `flowers_orbit` gain 0.07 and 0.03 dB, and twice as many patches need differences.)
+/// of `hqgarden_drift` and `flowers_orbit` gain 0.07 and 0.03 dB.)
 const FEWEST: usize = 8;
 
 /// The derivatives of a block's pixels, row by row. The upper half of each number is the upper half of the derivative along y as an
@@ -61,8 +61,12 @@ impl BlockGradients {
     pub fn add(&mut self, blocks: &ExactBlocks) {
         let first = self.blocks.len() as u32 + 1;
         // In rows, as patches read them.
-        let mut order: Vec<([u16; 2], u32)> =
-            blocks.places.iter().zip(0..).map(|([column, row], k)| ([*row, *column], k)).collect();
+        let mut order: Vec<([u16; 2], u32)> = blocks
+            .places
+            .iter()
+            .zip(0..blocks.blocks.len() as u32)
+            .map(|([column, row], k)| ([*row, *column], k))
+            .collect();
         order.par_sort_unstable();
         self.blocks.par_extend(order.par_iter().map(|(_, k)| packed(&blocks.blocks[*k as usize])));
         for (number, ([row, column], _)) in (first..).zip(&order) {

@@ -41,7 +41,8 @@ pub struct Neighbor<'a> {
 /// (beyond its edges, the border pixel). The visibility is then next to nothing.
 #[derive(Clone, Debug, Default)]
 pub struct Warped {
-    /// The frame before. All four channels are interpolated in the same way (from 6×6 pixels, with overshoot).
+    /// The frame before. All four channels are interpolated in the same way (from 6×6 pixels, with overshoot; from
+    /// 5×5 pixels and gradients where there are [`Neighbor::gradients`]).
     pub before: Image,
     /// The frame after, in the same way.
     pub after: Image,

@@ -283,7 +283,7 @@ impl CpuStages {
             // Parts are rows of blocks, so few tiles are in two parts.
             places.sort_unstable_by_key(|[x, y]| [*y, *x]);
         }
-        // Only in-between frames read derivatives. Those of a whole frame would take a sixth of the memory of the frame's blocks.
+        // Only in-between frames read derivatives. The derivatives of a frame that is exact as a whole would take 33 MB at 1920×1080.
         let has_gradients = self.plan.in_between > 0 && inputs.reset.is_none();
         for part in places.chunks(at_once) {
             rasterizer.rasterize_blocks(part, &mut self.blocks)?;
