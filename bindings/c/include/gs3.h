@@ -172,7 +172,7 @@ typedef enum gs3_opacity_mode {
     GS3_OPACITY_MODE_ANTIALIASED = 1,
 } gs3_opacity_mode;
 
-// What GS3_REFINE_AUTO may spend.
+// What GS3_REFINE_AUTO may spend. Above 1920 * 1080 pixels no more pixels are exact than there.
 typedef enum gs3_quality {
     // 19 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,

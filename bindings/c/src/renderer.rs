@@ -74,7 +74,7 @@ pub enum gs3_refine {
     GS3_REFINE_FRAME_TIME = 3,
 }
 
-/// What GS3_REFINE_AUTO may spend.
+/// What GS3_REFINE_AUTO may spend. Above 1920 * 1080 pixels no more pixels are exact than there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_quality {

@@ -5,11 +5,12 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use gs3_reconstruct::BlockBudget;
+use gs3_scene::Size;
 
 use crate::stages::{Stage, StageTimes};
 
 /// The default effort for a frame: the error that may stay in a block of 4×4 pixels, and the largest share of pixels
-/// that is rasterized exactly to reduce it.
+/// that is rasterized exactly to reduce it. Frames above 1920×1080 pixels have at most as many exact pixels as frames of 1920×1080.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Quality {
     /// Errors of twelve steps of 8 bits, 8 % of the pixels.
@@ -35,22 +36,24 @@ impl Quality {
         }
     }
 
-    /// The budget of [`Refine::Auto`] for a rendered frame of this scale. Above scale 4 as many blocks may be exact for each LR pixel
-    /// as at scale 4: with the share of scale 4, `flowers_orbit` at 4096×2160 and scale 6 displays 1.3 instead of 1.5 times as many
-    /// frames as native rendering (`gs3 bench`, two AVX2 cores).
+    /// Most pixels of a frame with the whole share: 1920×1080. Native rendering of `flowers_orbit` takes about twice as long at 4096×2160
+    /// as at 1920×1080, and super sampling and interpolation four times as long, so less time is left for exact pixels.
+    const MOST_PIXELS: f32 = 1920.0 * 1080.0;
+
+    /// The budget of [`Refine::Auto`] for a rendered frame of `size`. Above 1920×1080 pixels no more pixels may be exact than there.
     ///
     /// (Empirical, two in-between frames, 1920×1080, two AVX2 cores. On `flowers_orbit`, whose native frames are the fastest, the
     /// qualities display 2.0, 1.6 and 1.1 times as many frames as native rendering. With 6 instead of 5.75 steps the 99th
     /// percentile of the errors of 8×8 blocks of `flowers_drift` is 5.9 instead of 5.8 of 255.)
     #[must_use]
-    pub fn budget(self, scale: u32) -> BlockBudget {
+    pub fn budget(self, size: Size) -> BlockBudget {
         let BlockBudget { most, least_error } = match self {
             Self::Fast => budget(0.08, 12.0),
             Self::Balanced => budget(0.19, 5.75),
             Self::High => budget(0.3, 3.0),
         };
-        let coarser = scale.max(4) as f32 / 4.0;
-        BlockBudget { most: most / (coarser * coarser), least_error }
+        let pixels = size.width as f32 * size.height as f32;
+        BlockBudget { most: most * (Self::MOST_PIXELS / pixels.max(1.0)).min(1.0), least_error }
     }
 
     /// The budget of [`Refine::Auto`] for in-between frames; none if in-between frames have no exact pixels.
@@ -246,13 +249,17 @@ mod tests {
     #[test]
     fn a_better_quality_may_spend_more_and_leaves_less() {
         for pair in Quality::ALL.windows(2) {
-            let [worse, better] = [pair[0].budget(4), pair[1].budget(4)];
+            let [worse, better] = [pair[0], pair[1]].map(|quality| quality.budget(Size::new(1920, 1080)));
             assert!(better.most > worse.most && better.least_error < worse.least_error);
         }
         for quality in Quality::ALL {
-            let [finer, four, six] = [2, 4, 6].map(|scale| quality.budget(scale));
-            assert_eq!(finer, four);
-            assert!((six.most * 36.0 - four.most * 16.0).abs() < 1e-5 && six.least_error == four.least_error);
+            let sizes = [(1, 1), (1920, 1080), (3840, 2160)];
+            let [smallest, hd, four_times] =
+                sizes.map(|(width, height)| quality.budget(Size::new(width, height)));
+            assert_eq!(smallest, hd);
+            assert!(
+                (four_times.most - hd.most / 4.0).abs() < 1e-6 && four_times.least_error == hd.least_error
+            );
         }
     }
 

@@ -71,7 +71,8 @@ pub struct Device {
 #[derive(Debug, clap::Args)]
 pub struct FrameOptions {
     /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 12 steps of 8 bits and 8 %,
-    /// balanced 5.75 and 19 %, high 3 and 30 %; fewer pixels above --scale 4
+    /// balanced 5.75 and 19 %, high 3 and 30 %; above 1920x1080 no more
+    /// pixels than there
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
     /// Pixels rasterized exactly, where reconstruction is not to be trusted: none, those that --quality says, this share of

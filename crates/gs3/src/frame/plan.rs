@@ -84,7 +84,7 @@ impl FramePlan {
         match self.refine {
             refine if !refine.is_on() => BlockBudget { most: 0.0, least_error: 0.0 },
             refine if inputs.reset.is_some() && refine.starts_exact() => BlockBudget::ALL,
-            Refine::Off | Refine::Auto => self.settings.quality.budget(inputs.scale),
+            Refine::Off | Refine::Auto => self.settings.quality.budget(inputs.camera.size()),
             Refine::Share(share) => BlockBudget { most: share, least_error: 0.0 },
             Refine::FrameTime(_) => BlockBudget { most: fitting, least_error: 0.0 },
         }
