@@ -3,8 +3,11 @@
 //! A native image holds detail up to and beyond the limit of its pixels, so values alone do not tell what is half-way between two
 //! pixels. Values with exact derivatives tell twice as much along each axis.
 
+use std::slice;
+
 use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*, u32x16};
 use gs3_scene::{BLOCK_SIDE, ExactBlock, ExactBlocks, Image, Size, block_grid};
+use gs3_simd::prefetch;
 use rayon::prelude::*;
 
 use crate::cpu::gather::{PHASE_BITS, QUAD, UNITS};
@@ -112,6 +115,13 @@ impl BlockGradients {
         let lower = [numbers[first + self.columns], numbers[first + self.columns + 1]];
         if upper[0] | upper[1] | lower[0] | lower[1] == 0 {
             return None;
+        }
+        // Patches are gathered from left to right, as blocks lie in memory. The exact blocks of a row have gaps, so their memory is no
+        // stream that the hardware detects.
+        for [left, right] in [upper, lower] {
+            if let Some(next) = self.blocks.get(left.max(right) as usize) {
+                prefetch(slice::from_ref(next));
+            }
         }
         // Columns of pixels in the left and the right blocks, and rows in the upper and the lower ones.
         let (columns, rows) = (SIDE - column % SIDE, SIDE - row % SIDE);
