@@ -174,7 +174,7 @@ typedef enum gs3_opacity_mode {
 
 // What GS3_REFINE_AUTO may spend. Above 1920 * 1080 pixels no more pixels are exact than there.
 typedef enum gs3_quality {
-    // 19 % of the pixels, errors of 5.75 steps of 8 bits.
+    // 17.5 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
     // 8 % of the pixels, errors of twelve steps.
     GS3_QUALITY_FAST = 1,

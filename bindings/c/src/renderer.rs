@@ -78,7 +78,7 @@ pub enum gs3_refine {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub enum gs3_quality {
-    /// 19 % of the pixels, errors of 5.75 steps of 8 bits.
+    /// 17.5 % of the pixels, errors of 5.75 steps of 8 bits.
     GS3_QUALITY_BALANCED = 0,
     /// 8 % of the pixels, errors of twelve steps.
     GS3_QUALITY_FAST = 1,

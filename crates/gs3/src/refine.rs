@@ -15,7 +15,7 @@ use crate::stages::{Stage, StageTimes};
 pub enum Quality {
     /// Errors of twelve steps of 8 bits, 8 % of the pixels.
     Fast,
-    /// Errors of 5.75 steps of 8 bits, 19 % of the pixels.
+    /// Errors of 5.75 steps of 8 bits, 17.5 % of the pixels.
     #[default]
     Balanced,
     /// Errors of three steps of 8 bits, 30 % of the pixels. In-between frames: errors of four steps, 5 % of the pixels.
@@ -49,7 +49,7 @@ impl Quality {
     pub fn budget(self, size: Size) -> BlockBudget {
         let BlockBudget { most, least_error } = match self {
             Self::Fast => budget(0.08, 12.0),
-            Self::Balanced => budget(0.19, 5.75),
+            Self::Balanced => budget(0.175, 5.75),
             Self::High => budget(0.3, 3.0),
         };
         let pixels = size.width as f32 * size.height as f32;

@@ -71,7 +71,7 @@ pub struct Device {
 #[derive(Debug, clap::Args)]
 pub struct FrameOptions {
     /// How large an error may be left, and how many pixels may be rasterized exactly for it: fast 12 steps of 8 bits and 8 %,
-    /// balanced 5.75 and 19 %, high 3 and 30 %; above 1920x1080 no more
+    /// balanced 5.75 and 17.5 %, high 3 and 30 %; above 1920x1080 no more
     /// pixels than there
     #[arg(long, default_value = "balanced", value_name = "fast|balanced|high")]
     pub quality: QualityArg,
